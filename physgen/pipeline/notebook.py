@@ -1,52 +1,70 @@
-"""HTML for scenes, worlds, trajectories and clip folders in the cells of a notebook."""
+"""Pictures of scenes, worlds, trajectories and clip folders in the cells of a notebook."""
 
 from __future__ import annotations
 
 import base64
 import json
 import os
-from collections.abc import Mapping
 from dataclasses import dataclass
-from math import hypot
+from html import escape
 from pathlib import Path
-from typing import Any
 from urllib.parse import quote
 
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.compile.appearance import photo_poses
 from physgen.compile.compile import Compiled
 from physgen.compile.world import World
 from physgen.problems import InputError
+from physgen.render.drawing import arrow
 from physgen.report.clips import FILMS, UNREFINED
-from physgen.report.drawing import paths_svg, scene_svg, world_svg
-from physgen.report.html import template
-from physgen.scene.scene import Scene, View
+from physgen.report.html import KINDS, fitted, jpeg, template
+from physgen.report.parameters import arrows, constraint_drawing, outlines, svg_points
+from physgen.scene.scene import Scene
 from physgen.simulate.trajectory import Trajectory
+
+U8 = NDArray[np.uint8]
 
 INLINE = 8 * 2**20
 """Bytes of a video that goes into the notebook; a larger one is linked."""
-Facts = list[tuple[str, str]]
+SIDE = 720
+"""px: the longer side of the photo, at most."""
+LINES = ("#0072b2", "#d55e00", "#009e73", "#b0508f", "#e69f00", "#56b4e9", "#7f7f7f")
+"""After Okabe and Ito: distinct for colour-blind eyes, and legible on white and on black."""
+MOST_POINTS = 400
+"""Of one path."""
+STILL = 2.0
+"""px: an object that moves less has no path."""
 
 
 def html(shown: object) -> str:
     """Of a scene, a compiled scene, a world or a trajectory; its problems, where a scene has become wrong."""
     match shown:
         case Scene():
-            return _scene(shown)
+            try:
+                return svg(shown)
+            except InputError as error:  # its files may have changed since it was loaded
+                return "".join(f"<p>{escape(str(problem))}</p>" for problem in error.problems)
         case Compiled():
-            return _world(shown.world)
+            return _world_svg(shown.world)
         case World():
-            return _world(shown)
+            return _world_svg(shown)
         case Trajectory():
-            return _trajectory(shown)
+            return _paths_svg(shown)
     raise TypeError(f"{type(shown).__name__} has no HTML view")
 
 
 def svg(scene: Scene) -> str:
-    """The photo with outlines, boundaries, forces, joints and fields, as a picture of its own; raises InputError."""
+    """The photo with outlines, boundaries, forces, joints and fields, as a picture of its own; raises InputError.
+
+    The photo is left out where objects are placed elsewhere at t = 0.
+    """
     from physgen.pipeline.stages import compile, percepts
 
     maps = percepts(scene)
     world = compile(scene, maps).world
-    return scene_svg(scene, world, None if maps is None else maps.rgb)
+    return _world_svg(world, scene, None if maps is None or photo_poses(world) else maps.rgb)
 
 
 def show(folder: str | Path) -> Clip:
@@ -59,7 +77,7 @@ def show(folder: str | Path) -> Clip:
         fix = "name one that render made, such as out/dominoes"
         raise InputError.of(str(path), "", "is no folder of a clip", fix) from error
     video = next((file for file in (*FILMS, *UNREFINED) if file in files and (path / file).is_file()), None)
-    return Clip(path, name, video, manifest)
+    return Clip(path, name, video)
 
 
 @dataclass(frozen=True)
@@ -70,36 +88,23 @@ class Clip:
     name: str
     video: str | None
     """Name of its file."""
-    manifest: Mapping[str, Any]
 
     def _repr_html_(self) -> str:
         """A player."""
-        size = self.manifest.get("video", {}).get("size") or [0, 0]
-        frames = len(self.manifest.get("frames") or self.manifest.get("unrefined", ()))
-        facts = [f"{size[0]} × {size[1]} px", f"{frames} frame{'s' * (frames != 1)}"]
-        facts += (
-            [f"{len(warnings)} warning{'s' * (len(warnings) != 1)}"] if (warnings := self._warnings()) else []
-        )
-        return _rendered(
-            "clip",
-            name=self.name,
-            size=size,
-            source=None if self.video is None else self._source(self.folder / self.video),
-            moving=str(self.video).endswith(".mp4"),
-            report=_link(self.folder / "report.html") if (self.folder / "report.html").is_file() else None,
-            facts=facts,
-        )
-
-    def _warnings(self) -> list[Any]:
-        return list(self.manifest.get("warnings", ()))
+        shown = "no video"
+        if self.video is not None:
+            source = self._source(self.folder / self.video)
+            moving = self.video.endswith(".mp4")
+            shown = f'<video src="{source}" controls loop muted width="640"></video>'
+            shown = shown if moving else f'<img src="{source}" alt="" width="640">'
+        report = self.folder / "report.html"
+        link = f' · <a href="{_link(report)}">report</a>' if report.is_file() else ""
+        return f"<figure>{shown}<figcaption><b>{escape(self.name)}</b>{link}</figcaption></figure>"
 
     def _source(self, path: Path) -> str:
         if path.stat().st_size > INLINE:
             return _link(path)
-        kind = {".mp4": "video/mp4", ".webp": "image/webp", ".gif": "image/gif", ".png": "image/png"}[
-            path.suffix
-        ]
-        return f"data:{kind};base64," + base64.b64encode(path.read_bytes()).decode("ascii")
+        return f"data:{KINDS[path.suffix]};base64," + base64.b64encode(path.read_bytes()).decode("ascii")
 
 
 def _link(path: Path) -> str:
@@ -107,59 +112,47 @@ def _link(path: Path) -> str:
     return quote(Path(os.path.relpath(path)).as_posix())
 
 
-def _scene(scene: Scene) -> str:
-    try:
-        picture, problems = svg(scene), []
-    except InputError as error:  # its files may have changed since it was loaded
-        picture, problems = "", [str(problem) for problem in error.problems]
-    width, height = scene.size
-    facts = [
-        ("objects", str(len(scene.objects))),
-        ("boundaries", str(len(scene.boundaries))),
-        ("canvas", f"{width} × {height} px"),
-        ("view", "from above" if scene.world.view is View.TOP else "from the side"),
-        ("duration", f"{scene.world.duration:g} s"),
-    ]
-    if scene.variants:
-        facts.append(("variants", ", ".join(scene.variants)))
-    return _rendered(
-        "scene", name=scene.name, picture=picture, facts=facts, problems=problems, wide=_wide(scene.size)
+def _world_svg(world: World, scene: Scene | None = None, photo: U8 | None = None) -> str:
+    """Outlines, walls, velocities and forces, over the `photo` (H, W, 3) sRGB or on white."""
+    title = "The world"
+    pointers: list[dict[str, str]] = []
+    held: dict[str, list[dict[str, object]]] = {"lines": [], "dots": [], "arrows": []}
+    labels: dict[str, str] = {}
+    if scene is not None:
+        labels = {item.name: item.label for item in scene.objects}
+        held, title = constraint_drawing(scene, world), f"The scene {scene.name}"
+    for kind, tail, tip, about in arrows(world):
+        path = f"M{svg_points(arrow(tail, tip, max(world.size) / 160))}Z"
+        pointers.append({"kind": kind, "path": path, "title": about})
+    text: str = template("scene.svg.j2").render(
+        title=title,
+        size=world.size,
+        photo=None if photo is None else jpeg(fitted(photo, SIDE), 84),
+        walls=[
+            {"name": wall.name, "chains": [svg_points(chain) for chain in wall.chains]}
+            for wall in world.walls
+        ],
+        objects=outlines(world, labels),
+        held=held,
+        arrows=pointers,
+        unit=round(max(world.size) / 400, 3),
     )
+    return text
 
 
-def _world(world: World) -> str:
-    gravity = hypot(*world.gravity.tolist())
-    facts = [
-        ("bodies", str(len(world.bodies))),
-        ("walls", str(len(world.walls))),
-        ("gravity", f"{gravity:g} px/s²"),
-        ("engine", f"{world.steps_per_second:g} steps/s"),
-        ("duration", f"{world.duration:g} s"),
-    ]
-    return _rendered(
-        "scene", name="world", picture=world_svg(world), facts=facts, problems=[], wide=_wide(world.size)
-    )
-
-
-def _trajectory(trajectory: Trajectory) -> str:
-    times, touches = trajectory.times, len(trajectory.contacts.touch_pairs)
-    facts = [
-        ("duration", f"{float(times[-1]):.4g} s" if len(times) else "0 s"),
-        ("samples", f"{len(times):,}"),
-        ("objects", f"{len(trajectory.names):,}"),
-        ("contacts", f"{touches:,}"),
-        ("engine", f"{trajectory.effort.steps:,} steps"),
-        ("energy", f"balances to {100 * trajectory.imbalance():.2g} % of what flows"),
-    ]
-    picture, names = paths_svg(trajectory)
-    return _rendered("trajectory", picture=picture, facts=facts, names=names)
-
-
-def _wide(size: tuple[int, int]) -> int:
-    """px of a picture in a cell: no taller than a screen."""
-    return round(min(640, 480 * size[0] / size[1]))
-
-
-def _rendered(kind: str, **data: Any) -> str:
-    page: str = template("notebook.html.j2").render(kind=kind, **data)
-    return page
+def _paths_svg(trajectory: Trajectory) -> str:
+    """The paths of the objects that move; their names are titles."""
+    poses = np.asarray(trajectory.poses)
+    places = poses[..., :2].reshape(-1, 2) if poses.size else np.zeros((1, 2))
+    low, high = places.min(axis=0), places.max(axis=0)
+    margin = 0.06 * float(max(*(high - low), 20.0))
+    box = [round(float(v), 1) for v in (*(low - margin), *(high - low + 2 * margin))]
+    kept = np.linspace(0, len(poses) - 1, min(len(poses), MOST_POINTS)).round().astype(int)
+    paths: list[dict[str, str]] = []
+    for k, name in enumerate(trajectory.names):
+        points = poses[kept, k, :2]
+        if len(points) and np.ptp(points, axis=0).max() > STILL:
+            colour = LINES[len(paths) % len(LINES)]
+            paths.append({"name": name, "colour": colour, "points": svg_points(points)})
+    text: str = template("paths.svg.j2").render(box=box, paths=paths, unit=round(max(box[2:]) / 120, 3))
+    return text

@@ -101,9 +101,7 @@ def test_worlds_and_trajectories_show_themselves(lesson: Path) -> None:
     path = np.array(re.findall(r"([-\d.]+),([-\d.]+)", line.get("points")), float)
     assert np.allclose(path[0], [40, 85], atol=0.01)
     assert np.allclose(path[-1], [40 + 100 * trajectory.times[-1], 85], atol=0.6)
-    words = Reader(html).words
-    assert "balances to" in words
-    assert "ball" in words
+    assert "ball" in Reader(html).words
 
 
 def test_an_empty_scene_shows_itself(tmp_path: Path) -> None:
