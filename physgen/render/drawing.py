@@ -1,14 +1,10 @@
-"""Anti-aliased lines, areas, text, arrows and other marks on a picture: light ink in a thin dark casing.
-
-Marks are drawn four times as fine, each in a box of its own, and averaged: places and widths are kept to a sixteenth of
-a pixel, so that nothing trembles as it moves.
-"""
+"""Anti-aliased lines, areas, text, arrows and other marks on a picture: light ink in a thin dark casing."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from math import ceil, floor, pi
+from math import ceil, pi
 
 import cv2
 import numpy as np
@@ -23,14 +19,12 @@ U8 = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 """sRGB."""
 
-FINE = 4
-"""Sub-pixels a side."""
+FINE = 3
+"""Sub-pixels a side: widths are kept to a third of a pixel."""
 BITS = 4
-"""Of a sub-pixel, that OpenCV keeps of a place."""
-BOX = 160
-"""px a side of the boxes into which long lines are cut: what is drawn fine is large."""
-LEVELS = 16
-"""Of fading."""
+"""Of a sub-pixel, that OpenCV keeps of a place, so that nothing trembles as it moves."""
+FARTHEST = 1e6
+"""px: what lies farther out is not drawn."""
 CASING: Colour = (18, 20, 26)
 OPAQUE = 0.78
 """Of the casing."""
@@ -41,128 +35,63 @@ class Layer:
 
     def __init__(self, size: tuple[int, int], casing: float) -> None:
         """`casing` px of dark around each mark."""
-        self._casing = casing
-        self._width, self._height = size
-        self._ink = np.zeros((self._height, self._width), np.uint8)
-        self._dark = np.zeros((self._height, self._width), np.uint8)
-        self._touched = self._width, self._height, 0, 0
+        self._casing, self._size = casing, size
+        self._ink = np.zeros((size[1] * FINE, size[0] * FINE), np.uint8)
+        self._dark = np.zeros_like(self._ink)
 
     def line(self, points: Array, width: float, strength: float = 1.0, closed: bool = False) -> None:
         """A chain of segments through (K, 2) px."""
-        ends = np.concatenate([points, points[:1]]) if closed else points
-        self.segments(ends[:-1], ends[1:], width, np.full(len(ends) - 1, strength))
+        self._lines(points[None], width, 255 * strength, closed)
 
     def segments(self, begins: Array, ends: Array, width: float, strengths: Array) -> None:
-        """(K, 2) px to (K, 2) px, each of a strength (K,) in 0..1; stronger ones lie on top."""
-        margin = width + self._casing + 1
-        low, high = np.full(2, -margin), np.array([self._width, self._height]) - 1 + margin
-        begins, ends, within = clip_segments(begins, ends, low, high)
-        if within.any():
-            levels = np.ceil(strengths[within] * LEVELS).astype(np.int64)
-            self._split(begins[within], ends[within], width, levels, margin)
-
-    def _split(
-        self, begins: Array, ends: Array, width: float, levels: NDArray[np.int64], margin: float
-    ) -> None:
-        """Halves until the boxes are small."""
-        both = np.concatenate([begins, ends])
-        spread = np.ptp(both, axis=0)
-        if spread.max() > BOX and len(begins) > 1:
-            half = len(begins) // 2
-            for part in (slice(None, half), slice(half, None)):
-                self._split(begins[part], ends[part], width, levels[part], margin)
-            return
+        """(K, 2) px to (K, 2) px, each of a strength (K,) in 0..1; later ones lie on top."""
         chains = np.stack([begins, ends], axis=1)
+        levels = np.ceil(strengths * 16) * (255 / 16)
+        for level in np.unique(levels).tolist():
+            self._lines(chains[levels == level], width, level, False)
+
+    def _lines(self, chains: Array, width: float, level: float, closed: bool) -> None:
+        """(K, N, 2) px."""
+        placed = list(_fixed(chains[np.abs(chains).max(axis=(1, 2)) < FARTHEST]))
         for mask, more in ((self._dark, 2 * self._casing), (self._ink, 0.0)):
-            fine, box = self._fine(both, margin)
-            for level in np.unique(levels).tolist():
-                placed = list(_fixed(chains[levels == level], box))
-                value = round(level * 255 / LEVELS)
-                cv2.polylines(fine, placed, False, value, _thick(width + more), cv2.LINE_AA, BITS)
-            self._lay(mask, fine, box)
+            cv2.polylines(mask, placed, closed, round(level), _thick(width + more), cv2.LINE_AA, BITS)
 
     def area(self, points: Array, strength: float = 1.0) -> None:
-        """A filled outline (K, 2) px, small against the canvas."""
-        margin = self._casing + 1
-        if (points.max(axis=0) < -margin).any() or (points.min(axis=0) - margin > self._far()).any():
-            return
-        if np.abs(points).max() > 1e5:
-            return
-        value = round(255 * strength)
-        for mask, more in ((self._dark, 2 * self._casing), (self._ink, 0.0)):
-            fine, box = self._fine(points, margin)
-            placed = _fixed(points, box)
-            cv2.fillPoly(fine, [placed], value, cv2.LINE_AA, BITS)
-            if more:
-                cv2.polylines(fine, [placed], True, value, _thick(more), cv2.LINE_AA, BITS)
-            self._lay(mask, fine, box)
+        """A filled outline (K, 2) px."""
+        if np.abs(points).max() < FARTHEST:
+            placed, level = [_fixed(points)], round(255 * strength)
+            cv2.fillPoly(self._ink, placed, level, cv2.LINE_AA, BITS)
+            cv2.fillPoly(self._dark, placed, level, cv2.LINE_AA, BITS)
+            if self._casing:
+                cv2.polylines(self._dark, placed, True, level, _thick(2 * self._casing), cv2.LINE_AA, BITS)
 
     def words(self, text: str, at: tuple[float, float], size: float) -> None:
         """Text of `size` px whose middle is `at` x, y px; the middle of its small letters, not of its tails."""
         ink, dark, (x, y) = text_masks(text, round(size * FINE), round(1.4 * self._casing * FINE))
         left, top = round((at[0] + 0.5) * FINE - x), round((at[1] + 0.5) * FINE - y)
-        x0, y0 = left // FINE, top // FINE
-        around = (
-            (top - y0 * FINE, -(top + ink.shape[0]) % FINE),
-            (left - x0 * FINE, -(left + ink.shape[1]) % FINE),
-        )
         for mask, letters in ((self._dark, dark), (self._ink, ink)):
-            fine = np.pad(letters, around)
-            box = (x0, y0, x0 + fine.shape[1] // FINE, y0 + fine.shape[0] // FINE)
-            self._lay(mask, fine, box)
+            x0, y0 = max(left, 0), max(top, 0)
+            there = mask[y0 : max(top + letters.shape[0], 0), x0 : max(left + letters.shape[1], 0)]
+            part = letters[y0 - top :, x0 - left :][: there.shape[0], : there.shape[1]]
+            np.maximum(there, part, out=there)
 
     def onto(self, rgb: U8, colour: Colour, casing: float = OPAQUE) -> None:
         """Blend into a picture (H, W, 3) sRGB, in linear light; pixels without ink stay as they are."""
-        x0, y0, x1, y1 = self._touched
-        if x0 >= x1:
+        x, y, width, height = cv2.boundingRect(self._dark)
+        if not width:
             return
-        dark, ink = (np.ascontiguousarray(mask[y0:y1, x0:x1]).ravel() for mask in (self._dark, self._ink))
-        there = np.flatnonzero(dark | ink)
-        part = np.ascontiguousarray(rgb[y0:y1, x0:x1]).reshape(-1, 3)
+        x0, y0, x1, y1 = x // FINE, y // FINE, -(-(x + width) // FINE), -(-(y + height) // FINE)
+        own = np.s_[y0 * FINE : y1 * FINE, x0 * FINE : x1 * FINE]
+        dark, ink = (
+            cv2.resize(mask[own], (x1 - x0, y1 - y0), interpolation=cv2.INTER_AREA)
+            for mask in (self._dark, self._ink)
+        )
+        there = (dark > 0) | (ink > 0)
+        part = rgb[y0:y1, x0:x1]
         light = decode(part[there])
-        light += dark[there, None] * np.float32(casing / 255) * (_light(CASING) - light)
-        light += ink[there, None] * np.float32(1 / 255) * (_light(colour) - light)
+        light += dark[there][:, None] * np.float32(casing / 255) * (_light(CASING) - light)
+        light += ink[there][:, None] * np.float32(1 / 255) * (_light(colour) - light)
         part[there] = encode_u8(light)
-        rgb[y0:y1, x0:x1] = part.reshape(y1 - y0, x1 - x0, 3)
-
-    def _far(self) -> Array:
-        return np.array([self._width, self._height], np.float64)
-
-    def _fine(self, points: Array, margin: float) -> tuple[U8, tuple[int, int, int, int]]:
-        """An empty fine mask for a box x0, y0, x1, y1 around the points."""
-        (x0, y0), (x1, y1) = points.min(axis=0) - margin, points.max(axis=0) + margin
-        box = floor(x0), floor(y0), ceil(x1) + 1, ceil(y1) + 1
-        return np.zeros(((box[3] - box[1]) * FINE, (box[2] - box[0]) * FINE), np.uint8), box
-
-    def _lay(self, mask: U8, fine: U8, box: tuple[int, int, int, int]) -> None:
-        """The averages of a fine mask, where there is more of them than there was, and as far as they are in sight."""
-        x0, y0, x1, y1 = box
-        left, top = max(x0, 0), max(y0, 0)
-        right, bottom = min(x1, self._width), min(y1, self._height)
-        if left >= right or top >= bottom:
-            return
-        x, y, far_x, far_y = self._touched
-        self._touched = min(x, left), min(y, top), max(far_x, right), max(far_y, bottom)
-        part = cv2.resize(fine, (x1 - x0, y1 - y0), interpolation=cv2.INTER_AREA)
-        there = mask[top:bottom, left:right]
-        np.maximum(there, part[top - y0 : bottom - y0, left - x0 : right - x0], out=there)
-
-
-def clip_segments(
-    begins: Array, ends: Array, low: Array, high: Array
-) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Segments (K, 2) to (K, 2) as far as they lie in a box, and which do (Liang and Barsky 1984)."""
-    way = ends - begins
-    with np.errstate(divide="ignore", invalid="ignore"):
-        first, second = (low - begins) / way, (high - begins) / way
-    level = way == 0
-    inside = (begins >= low) & (begins <= high)
-    enter = np.where(level, np.where(inside, -np.inf, np.inf), np.minimum(first, second))
-    leave = np.where(level, np.where(inside, np.inf, -np.inf), np.maximum(first, second))
-    start, stop = np.maximum(enter.max(axis=1), 0.0), np.minimum(leave.min(axis=1), 1.0)
-    within = start <= stop
-    start, stop = (np.where(within, part, 0.0)[:, None] for part in (start, stop))
-    return begins + start * way, begins + stop * way, within
 
 
 @lru_cache(maxsize=1024)
@@ -191,10 +120,9 @@ def _thick(width: float) -> int:
     return max(1, round(width * FINE))
 
 
-def _fixed(points: Array, box: tuple[int, int, int, int]) -> NDArray[np.int32]:
-    """px -> sub-pixels of a box in OpenCV's fixed point; whole numbers are centres of pixels in both."""
-    fine = (points - np.array(box[:2]) + 0.5) * FINE - 0.5
-    return np.asarray(np.rint(fine * 2**BITS), np.int32)
+def _fixed(points: Array) -> NDArray[np.int32]:
+    """px -> sub-pixels in OpenCV's fixed point; whole numbers are centres of pixels in both."""
+    return np.asarray(np.rint(((points + 0.5) * FINE - 0.5) * 2**BITS), np.int32)
 
 
 def _light(colour: Colour) -> F32:
@@ -264,17 +192,3 @@ def ring(layer: Layer, center: Array, radius: float, pen: float, strength: float
     """A ring with a dot in its middle: an impact."""
     layer.line(circle(center, radius), 0.8 * pen, strength, closed=True)
     layer.area(circle(center, min(1.5 * pen, radius / 2)), strength)
-
-
-def plate(rgb: U8, box: tuple[float, float, float, float], radius: float, opaque: float) -> None:
-    """Darken a box x0, y0, x1, y1 px with round corners in a picture (H, W, 3), for words to stand on."""
-    layer = Layer((rgb.shape[1], rgb.shape[0]), 0.0)
-    x0, y0, x1, y1 = box
-    turns = np.linspace(0, 2 * pi, 33)
-    rounds = radius * np.stack([np.cos(turns), np.sin(turns)], axis=1)
-    right, left, low, high = x1 - radius, x0 + radius, y1 - radius, y0 + radius
-    middles = ((right, low), (left, low), (left, high), (right, high))
-    layer.area(
-        np.concatenate([rounds[8 * k : 8 * k + 9] + middle for k, middle in enumerate(middles)]), opaque
-    )
-    layer.onto(rgb, CASING)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
+from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.compile.world import Body, World
+from physgen.compile.world import World
 from physgen.geometry.polygon import rotation
 from physgen.render.contacts import Impact, contact_points_between, find_impacts, sample_times
-from physgen.render.drawing import Layer, arc, circle, curved_arrow, plate, ring, straight_arrow, text_width
+from physgen.render.drawing import CASING, Layer, arc, circle, curved_arrow, ring, straight_arrow, text_width
 from physgen.render.scales import COLOURS, Entry, Scales, key_entries, scales
 from physgen.render.stage import Frame
 from physgen.scene.scene import Load, Motion, Overlay, Solid, View
@@ -67,10 +68,6 @@ class Sheet:
         """
         return np.asarray(vectors @ self.lens[:, :2].T * (self.unit / max(self.zoom, 1e-9)))
 
-    def sees(self, point: Array) -> bool:
-        """Whether a point (2,) px of the frame is in it."""
-        return bool((point >= -0.5).all() and (point <= np.array(self.size) - 0.5).all())
-
     def layer(self) -> Layer:
         """An empty layer of ink."""
         return Layer(self.size, 0.75 * self.pen)
@@ -88,16 +85,13 @@ class OverlayStyle:
     """Letters from line to line."""
     pad: float = 0.4
     side: float = 0.9
-    gap: float = 0.8
-    """Letters of room above and below, at the sides, and between samples and words."""
+    """Letters of room above and below, and at the sides."""
     largest: float = 0.85
     """Of a picture's side: a key that is longer is left out."""
     arc: float = 1.1
     """Letters: the radius of a torque's sample."""
     least: float = 0.65
     """Of a letter: as small as a name becomes on a small object."""
-    line: float = 1.15
-    """Letters from line to line."""
     finer: int = 8
     """Times a frame that trails and impacts are looked at."""
     most: int = 2_000_000
@@ -114,78 +108,31 @@ class OverlayStyle:
 STYLE = OverlayStyle()
 
 WORDS = (255, 255, 255)
-CORNERS = ((0, 0), (1, 0), (0, 1), (1, 1))
-"""0 left and top, 1 right and bottom; the first of several that are as good."""
 
 
-def emptiest_corner(
-    world: World, seen: Trajectory, sheet: Sheet, entries: Sequence[Entry]
-) -> tuple[int, int]:
-    """The corner where the key hides fewest objects, over the whole clip; `sheet` is the photo's own."""
-    reach = np.array([body.reach for body in world.bodies])[:, None]
-
-    def hides(corner: tuple[int, int]) -> int:
-        x0, y0, x1, y1 = _box(sheet, entries, corner)
-        nearest = np.clip(seen.poses[..., :2], (x0, y0), (x1, y1))
-        hidden = (np.abs(seen.poses[..., :2] - nearest) < reach).all(axis=-1)
-        return int(hidden.sum())
-
-    return min(CORNERS, key=hides)
-
-
-def write_key(rgb: U8, sheet: Sheet, entries: Sequence[Entry], corner: tuple[int, int]) -> None:
-    """Draw the key into a picture (H, W, 3) sRGB."""
-    letter = sheet.letter
-    samples = [_wide(entry, sheet) for entry in entries]
-    column = max(samples)
-    x0, y0, x1, y1 = _box(sheet, entries, corner)
-    wide, tall = x1 - x0, y1 - y0
-    if wide > STYLE.largest * sheet.size[0] or tall > STYLE.largest * sheet.size[1]:
-        return  # on a small picture the motion matters more
-    plate(rgb, (x0, y0, x1, y1), 0.5 * letter, STYLE.opaque)
-    words = Layer(sheet.size, 0.0)
-    y = y0 + STYLE.pad * letter
-    for entry, wide in zip(entries, samples, strict=True):
-        tall = _tall(entry, sheet)
-        layer = Layer(sheet.size, 0.0)
-        _sample(
-            layer,
-            sheet,
-            entry,
-            np.array([x0 + STYLE.side * letter + (column - wide) / 2, y + tall / 2]),
-            wide,
-        )
-        layer.onto(rgb, COLOURS[entry.kind])
-        text = x1 - STYLE.side * letter - _text(sheet, entries) + text_width(entry.text, letter) / 2
-        words.words(entry.text, (text, y + tall / 2), letter)
-        y += tall
-    words.onto(rgb, WORDS)
-
-
-def _box(
-    sheet: Sheet, entries: Sequence[Entry], corner: tuple[int, int]
-) -> tuple[float, float, float, float]:
-    """x0, y0, x1, y1 px of the key's plate."""
-    letter = sheet.letter
+def write_key(rgb: U8, sheet: Sheet, entries: list[Entry]) -> None:
+    """Draw the key into the upper left corner of a picture (H, W, 3) sRGB; not on a small one."""
+    letter, side = sheet.letter, STYLE.side * sheet.letter
+    row = STYLE.row * letter
     column = max(_wide(entry, sheet) for entry in entries)
-    width = (2 * STYLE.side + STYLE.gap) * letter + column + _text(sheet, entries)
-    height = 2 * STYLE.pad * letter + sum(_tall(entry, sheet) for entry in entries)
-    margin = 0.9 * letter
-    x0 = sheet.size[0] - margin - width if corner[0] else margin
-    y0 = sheet.size[1] - margin - height if corner[1] else margin
-    return x0, y0, x0 + width, y0 + height
-
-
-def _text(sheet: Sheet, entries: Sequence[Entry]) -> float:
-    """px that the longest line of words takes."""
-    return max(text_width(entry.text, sheet.letter) for entry in entries)
-
-
-def _tall(entry: Entry, sheet: Sheet) -> float:
-    """px that a line takes."""
-    if entry.kind is Overlay.CONTACTS:
-        return max(STYLE.row * sheet.letter, 2.6 * entry.size * sheet.unit)
-    return STYLE.row * sheet.letter * (1.25 if entry.load is Load.TORQUE else 1.0)
+    text = max(text_width(entry.text, letter) for entry in entries)
+    corner = np.array([side, side])
+    size = np.array([3 * side + column + text, 2 * STYLE.pad * letter + len(entries) * row])
+    if (size > STYLE.largest * np.array(sheet.size)).any():
+        return  # on a small picture the motion matters more
+    part = rgb[: ceil(corner[1] + size[1]) + 1, : ceil(corner[0] + size[0]) + 1]
+    canvas = part.shape[1], part.shape[0]
+    plate = Layer(canvas, 0.0)
+    plate.area(corner + size * [[0, 0], [1, 0], [1, 1], [0, 1]], STYLE.opaque)
+    plate.onto(part, CASING)
+    words = Layer(canvas, 0.0)
+    for k, entry in enumerate(entries):
+        y = float(corner[1]) + STYLE.pad * letter + (k + 0.5) * row
+        layer = Layer(canvas, 0.0)
+        _sample(layer, sheet, entry, np.array([2 * side + (column - _wide(entry, sheet)) / 2, y]))
+        layer.onto(part, COLOURS[entry.kind])
+        words.words(entry.text, (3 * side + column + text_width(entry.text, letter) / 2, y), letter)
+    words.onto(part, WORDS)
 
 
 def _wide(entry: Entry, sheet: Sheet) -> float:
@@ -195,53 +142,15 @@ def _wide(entry: Entry, sheet: Sheet) -> float:
     return entry.size * sheet.unit * (2 if entry.kind is Overlay.CONTACTS else 1)
 
 
-def _sample(layer: Layer, sheet: Sheet, entry: Entry, at: Array, wide: float) -> None:
+def _sample(layer: Layer, sheet: Sheet, entry: Entry, at: Array) -> None:
     """A sample that begins at `at` x px and has its middle at y px."""
-    middle = at + np.array([wide / 2, 0.0])
+    along = np.array([_wide(entry, sheet), 0.0])
     if entry.kind is Overlay.CONTACTS:
-        ring(layer, middle, entry.size * sheet.unit, sheet.pen)
+        ring(layer, at + along / 2, entry.size * sheet.unit, sheet.pen)
     elif entry.load is Load.TORQUE:
-        curved_arrow(layer, arc(middle, STYLE.arc * sheet.letter, entry.size), sheet.pen)
+        curved_arrow(layer, arc(at + along / 2, STYLE.arc * sheet.letter, entry.size), sheet.pen)
     else:
-        straight_arrow(layer, at, at + np.array([wide, 0.0]), sheet.pen, struck=entry.load is Load.IMPULSE)
-
-
-LINES = (0, -1, 1, -2, 2)
-
-
-def letter_size(body: Body, sheet: Sheet) -> float:
-    """px: the size of a name's letters."""
-    room = 2 * body.reach * sheet.zoom / text_width(body.name, sheet.letter)
-    return sheet.letter * min(max(room, STYLE.least), 1.0)
-
-
-def label_lines(world: World, sheet: Sheet) -> tuple[int, ...]:
-    """By how many lines each name stands below its centre, so that neighbours' names at t = 0 can be read.
-
-    It is so for the whole clip: names do not hop. None leaves its object by more than half a line.
-    """
-    taken: list[tuple[float, float, float, float]] = []
-    lines = []
-    for body in world.bodies:
-        size = letter_size(body, sheet)
-        x, y = sheet.at(body.center).tolist()
-        wide, tall = text_width(body.name, size) / 2, size / 2
-        near = [line for line in LINES if abs(line) * STYLE.line * size <= body.reach * sheet.zoom + size / 2]
-        crowds = []
-        for line in near:
-            row = y + line * STYLE.line * size
-            over = [max(0.0, wide + w - abs(x - a)) for a, b, w, t in taken if abs(row - b) < tall + t]
-            crowds.append((sum(over), abs(line), line))
-        _, _, line = min(crowds)
-        taken.append((x, y + line * STYLE.line * size, wide, tall))
-        lines.append(line)
-    return tuple(lines)
-
-
-def write_name(layer: Layer, sheet: Sheet, body: Body, center: tuple[float, float], line: int) -> None:
-    """A name at a centre, px of the frame, so many lines below it."""
-    size = letter_size(body, sheet)
-    layer.words(body.name, (center[0], center[1] + line * STYLE.line * size), size)
+        straight_arrow(layer, at, at + along, sheet.pen, struck=entry.load is Load.IMPULSE)
 
 
 Lens = Callable[[Frame], Array]
@@ -258,12 +167,8 @@ class OverlayClip:
     impacts: list[Impact]
     scales: Scales
     key: list[Entry]
-    corner: tuple[int, int]
-    """Where the key stands: 1 right, 1 bottom."""
     flash: float
     """s."""
-    lines: tuple[int, ...]
-    """By how many lines each name stands below its centre."""
 
 
 def identity_lens(frame: Frame) -> Array:
@@ -295,7 +200,7 @@ def annotate_frames(
             DRAW[kind](clip, sheet, layer)
             layer.onto(rgb, COLOURS[kind])
         if clip.key:
-            write_key(rgb, sheet, clip.key, clip.corner)
+            write_key(rgb, sheet, clip.key)
         yield replace(frame, rgb=rgb)
 
 
@@ -308,9 +213,7 @@ def filmed(world: World, trajectory: Trajectory, kinds: Collection[Overlay]) -> 
         found = find_impacts(world, seen, world.duration / max(len(world.times), 1) / STYLE.finer)
     scale = scales(world, trajectory, kinds, [impact.impulse for impact in found])
     flash = min(STYLE.flash * world.duration / max(len(world.times), 1), world.duration / 6)
-    entries, whole = key_entries(world, scale, kinds), Sheet(world.size, 1.0, np.eye(2, 3), 0.0, 0)
-    corner = emptiest_corner(world, trajectory, whole, entries) if entries else (0, 0)
-    return OverlayClip(world, seen, found, scale, entries, corner, flash, label_lines(world, whole))
+    return OverlayClip(world, seen, found, scale, key_entries(world, scale, kinds), flash)
 
 
 def sheet_of(clip: OverlayClip, frame: Frame, lens: Array) -> Sheet:
@@ -429,28 +332,18 @@ def _contacts(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
                 layer.area(circle(point, 1.5 * sheet.pen))
     shown = [impact for impact in clip.impacts if impact.time <= now < impact.time + clip.flash]
     for impact in shown:
-        radius = _radius(clip, impact)
-        if radius * sheet.unit > STYLE.still and not any(_swallows(clip, other, impact) for other in shown):
+        radius = float(np.sqrt(clip.scales.ring * impact.impulse))
+        if radius * sheet.unit > STYLE.still:
             left = _left(clip, sheet, impact.time)
             ring(layer, sheet.at(impact.at), radius * sheet.unit, sheet.pen, left)
 
 
-def _radius(clip: OverlayClip, impact: Impact) -> float:
-    """px of an impact's ring."""
-    return float(np.sqrt(clip.scales.ring * impact.impulse))
-
-
-def _swallows(clip: OverlayClip, strong: Impact, weak: Impact) -> bool:
-    """Whether an impact is but an echo of another, of the same two objects at the same place."""
-    same = strong is not weak and strong.pair == weak.pair and strong.impulse > weak.impulse
-    return same and float(np.hypot(*(strong.at - weak.at))) < _radius(clip, strong)
-
-
 def _names(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
-    for body, pose, line in zip(clip.world.bodies, _poses(clip, sheet), clip.lines, strict=True):
-        middle = sheet.at(pose[:2])
-        if sheet.sees(middle):
-            write_name(layer, sheet, body, (float(middle[0]), float(middle[1])), line)
+    """Each at its centre, as small as its object needs."""
+    for body, pose in zip(clip.world.bodies, _poses(clip, sheet), strict=True):
+        x, y = sheet.at(pose[:2]).tolist()
+        room = 2 * body.reach * sheet.zoom / text_width(body.name, sheet.letter)
+        layer.words(body.name, (x, y), sheet.letter * min(max(room, STYLE.least), 1.0))
 
 
 DRAW: Mapping[Overlay, Callable[[OverlayClip, Sheet, Layer], None]] = {

@@ -132,7 +132,7 @@ def key_entries(world: World, scale: Scales, kinds: Collection[Overlay]) -> list
     if scale.ring > 0:
         value = largest_round((0.55 * RING * max(world.size)) ** 2 / (scale.ring * newton))
         size = float(np.sqrt(value * scale.ring * newton))
-        found.append(Entry(Overlay.CONTACTS, Load.IMPULSE, f"blow {value_text(value, 'N·s')}", size))
+        found.append(Entry(Overlay.CONTACTS, Load.IMPULSE, f"impact {value_text(value, 'N·s')}", size))
     return found
 
 

@@ -199,7 +199,7 @@ def test_blows_flash_where_and_when_things_meet(dropped) -> None:
 
 def test_the_key_says_what_a_blow_was(dropped) -> None:
     ((text, radius),) = dropped.key("contacts").items()
-    assert text == "blow 1 N·s"
+    assert text == "impact 1 N·s"
     # 400 g thrown back at the speed of a fall of 100 px, 100 px to the metre
     impulse = 2 * 0.4 * (2 * 9.0 * 1.0) ** 0.5
     assert radius * impulse**0.5 == pytest.approx(RING * 480, rel=1e-3)
