@@ -35,14 +35,6 @@ def shadow_owners(
     return assign_regions(dark & (coverage < 0.5), owner)
 
 
-def shadow_owners_by_model(
-    coverage: F32, casts: Iterable[tuple[int, PixelBox, F32]], dark: F32
-) -> Labels | None:
-    """The same where `dark` (H, W), -log of light, is known, and the photo too coarse to say more."""
-    owner, _ = _strongest(casts, coverage.shape)
-    return assign_regions((dark > FAINT) & (coverage < 0.5), owner)
-
-
 def _strongest(casts: Iterable[tuple[int, PixelBox, F32]], shape: tuple[int, ...]) -> tuple[Labels, F32]:
     """(H, W) the object that blocks most light, and -log of the light left."""
     owner, most = np.zeros(shape, np.uint16), np.zeros(shape, np.float32)
