@@ -75,6 +75,11 @@ INTENDED: dict[str, str] = {
     "measures/properties*": "what is answered about the studio's photos is a benchmark",
     "commands/evaluate properties --help*": "--truth: the same",
     "commands/evaluate physics --help*": "takes closed forms of one's own",
+    "perceive/*/scene.yaml": "perception has fewer special cases: numbers of the light and of supports move a little",
+    "perceive/*/shadows.png*": "one search of a distant light and one removal for both views",
+    "perceive/*/clean.png*": "one search of a distant light and one removal for both views",
+    "perceive/*/background.png*": "the exemplar fill has no costs by direction and one strength of grain",
+    "commands/fan/*": "as perceived scenes",
 }
 """Patterns of entries (`group/name/item`, as fnmatch reads them) that may differ, with the reason."""
 

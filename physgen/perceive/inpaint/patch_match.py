@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.perceive.inpaint.edge_continuation import continue_edges
-from physgen.perceive.inpaint.poisson import harmonic_fill, hole_pieces
+from physgen.perceive.inpaint.poisson import harmonic_fill
 from physgen.perceive.roles import F32, Mask
 
 Places = NDArray[np.int64]
@@ -42,9 +42,8 @@ class _Tuning:
     max_depth: float = 4.5  # px that the hole may be deep at the coarsest scale
     # px: a coarsest scale with more is halved again (photos over three times as wide as high)
     wide: int = 30_000
-    max_direction_cost: float = 4.0  # of borrowing across layers (before it is squared)
     grain_blur: float = 2.0  # px, standard deviation of the blur that separates grain from colour
-    grain_margin: int = 10  # px around a piece of the hole whose grain it takes on
+    grain_margin: int = 10  # px around the hole whose grain it takes on
     grain_gain: tuple[float, float] = (0.8, 1.6)  # by which its own grain is scaled, at least and at most
     edge_weight: float = 0.02  # data term of a place without edges, of 1 (Criminisi)
 
@@ -72,11 +71,10 @@ def patch_match_fill(picture: F32, hole: Mask) -> F32:
     if not hole.any() or not levels:
         return harmonic_fill(picture, hole)
     last = levels[-1]
-    costs = TUNING.distance_cost * direction_costs(last)
     centres = thin_out(np.argwhere(patch_centres(last.hole, RADIUS)), TUNING.max_first_pairs // 1000)
     if not len(centres):  # nowhere a whole patch is left to borrow from
         return harmonic_fill(picture, hole)
-    guess = exemplar_fill(last.picture, last.hole & ~last.drawn, centres, RADIUS, costs)
+    guess = exemplar_fill(last.picture, last.hole & ~last.drawn, centres, RADIUS)
     field: NDArray[np.int64] | None = None
     for k in range(len(levels) - 1, -1, -1):
         level = levels[k]
@@ -86,7 +84,7 @@ def patch_match_fill(picture: F32, hole: Mask) -> F32:
             kept = level.hole & ~(level.drawn & (k > TUNING.loose))
             guess = np.where(kept[:, :, None], larger, level.picture)
             field = _doubled(field, (h, w))
-        search = _Search(level, RADIUS if k else 2, costs)
+        search = _Search(level, RADIUS if k else 2)
         for _ in range(TUNING.rounds[min(k, 3)]):
             field, cost = search.nearest(guess, field) if k or field is None else search.snapped(field)
             weight = search.weights(cost)
@@ -137,27 +135,6 @@ def image_pyramid(picture: F32, hole: Mask, start: F32, strips: Mask) -> Iterato
         )
 
 
-def direction_costs(level: Level) -> NDArray[np.float64]:
-    """(2,): factor of the cost of borrowing from other rows, and from other columns.
-
-    A floor, a shelf or a horizon lies along the rows: there the picture resembles itself to the side more than up or
-    down.
-    """
-    reach = max(min(level.hole.shape) // 8, 2)
-    differences = []
-    for axis in (0, 1):
-        before, after = (
-            tuple(part if a == axis else slice(None) for a in (0, 1))
-            for part in (slice(None, -reach), slice(reach, None))
-        )
-        both = ~(level.hole[before] | level.hole[after])
-        gap = np.abs(level.picture[before] - level.picture[after]).mean(axis=2)[both]
-        differences.append(float(gap.mean()) if gap.size else 1.0)
-    most = TUNING.max_direction_cost
-    ratio = np.clip((differences[0] + 1) / (differences[1] + 1), 1 / most, most)
-    return np.array([max(ratio, 1.0), max(1 / ratio, 1.0)]) ** 2
-
-
 def patch_centres(hole: Mask, radius: int) -> Mask:
     """Centres of patches that are known as a whole."""
     blocked = np.pad(hole, radius, constant_values=True).astype(np.uint8)
@@ -172,9 +149,9 @@ def _square(radius: int) -> NDArray[np.uint8]:
 class _Search:
     """Patches of one scale, and the search for the known patch most like each."""
 
-    def __init__(self, level: Level, radius: int, costs: NDArray[np.float64]) -> None:
+    def __init__(self, level: Level, radius: int) -> None:
         self.level, self.radius = level, radius
-        self.distance_cost = (costs / np.hypot(*level.hole.shape)).astype(np.float32)
+        self.distance_cost = np.float32(TUNING.distance_cost / np.hypot(*level.hole.shape))
         self.every: tuple[Places, F32, F32] | None = None
         self.sources = patch_centres(level.hole, radius)
         self.source_at: Places = np.argwhere(self.sources)
@@ -239,10 +216,8 @@ class _Search:
                 np.subtract.outer(self.at[:, k].astype(np.float32), places[:, k].astype(np.float32))
                 for k in (0, 1)
             )
-            down *= self.distance_cost[0]
-            right *= self.distance_cost[1]
             flat = np.concatenate([there.reshape(len(there), -1), square.reshape(len(there), -1)], 1)
-            self.every = places, flat, np.hypot(down, right, out=down)
+            self.every = places, flat, self.distance_cost * np.hypot(down, right, out=down)
         places, flat, far = self.every
         best, cost = np.zeros(n, np.int64), np.zeros(n, np.float32)
         step = max(TUNING.chunk // max(len(places), 1), 16)
@@ -279,7 +254,7 @@ class _Search:
             gap -= aim.take(changed, axis=0)
             gap *= gap
             got = np.einsum("nkc,nk->n", gap, part.take(changed, axis=0), optimize=False) / total[changed]
-            got += np.hypot(*((there - self.at[changed]).astype(np.float32) * self.distance_cost).T)
+            got += self.distance_cost * np.hypot(*(there - self.at[changed]).astype(np.float32).T)
             better = got < cost[changed]
             best[changed[better]] = there[better]
             cost[changed[better]] = got[better]
@@ -333,17 +308,10 @@ def add_grain(guess: F32, picture: F32, hole: Mask, field: NDArray[np.int64]) ->
     y, x = np.nonzero(hole)
     fine = np.zeros_like(own)
     fine[y, x] = own[field[y, x, 0], field[y, x, 1]]
-    margin = TUNING.grain_margin
-    for part, piece in hole_pieces(hole):
-        grown = tuple(slice(max(s.start - margin, 0), s.stop + margin) for s in part)
-        whole = np.zeros(hole[grown].shape, np.uint8)
-        within = tuple(slice(s.start - g.start, s.stop - g.start) for s, g in zip(part, grown, strict=True))
-        whole[within] = piece[: whole[within].shape[0], : whole[within].shape[1]]
-        ring = cv2.dilate(whole, _square(margin)) > 0
-        around = _grain_strength(own[grown][ring & ~hole[grown]])
-        inside = _grain_strength(fine[part][piece])
-        if around > 0 and inside > 0:
-            fine[part][piece] *= np.float32(np.clip(around / inside, *TUNING.grain_gain))
+    ring = cv2.dilate(hole.astype(np.uint8), _square(TUNING.grain_margin)) > 0
+    around, inside = _grain_strength(own[ring & ~hole]), _grain_strength(fine[hole])
+    if around > 0 and inside > 0:
+        fine *= np.float32(np.clip(around / inside, *TUNING.grain_gain))
     return np.where(hole[:, :, None], cv2.GaussianBlur(guess, (0, 0), TUNING.grain_blur) + fine, guess)
 
 
@@ -352,12 +320,11 @@ def _grain_strength(fine: F32) -> float:
     return float(np.median((fine**2).mean(axis=1)) ** 0.5) if len(fine) else 0.0
 
 
-def exemplar_fill(picture: F32, hole: Mask, centres: Places, radius: int, costs: NDArray[np.float64]) -> F32:
+def exemplar_fill(picture: F32, hole: Mask, centres: Places, radius: int) -> F32:
     """`(H, W, 3)` with `hole` filled patch after patch, where lines run into the hole first (Criminisi et al. 2004).
 
-    Patches of 2 radius + 1 px come from around `centres` (n, 2); `costs` (2,) of borrowing from as far as the picture
-    is wide, by direction. The next patch is known best (confidence) or has the strongest edges across the hole's
-    border (data).
+    Patches of 2 radius + 1 px come from around `centres` (n, 2). The next patch is known best (confidence) or has the
+    strongest edges across the hole's border (data).
     """
     h, w = hole.shape
     width, r = 2 * radius + 1, radius
@@ -378,7 +345,7 @@ def exemplar_fill(picture: F32, hole: Mask, centres: Places, radius: int, costs:
         mask = known.astype(np.float32)
         target = now[here] * mask[:, :, None]
         gap = square @ mask.ravel() - 2 * (flat @ target.ravel()) + (target**2).sum()
-        far = np.hypot(costs[0] * (centres[:, 0] - (y - r)), costs[1] * (centres[:, 1] - (x - r)))
+        far = TUNING.distance_cost * np.hypot(centres[:, 0] - (y - r), centres[:, 1] - (x - r))
         gap = gap / mask.sum() + (far / size).astype(np.float32)
         best = patches[int(gap.argmin())]
         new = open_[here] & within[here]
