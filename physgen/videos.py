@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar, overload
+from typing import Any, NamedTuple, TypeVar
 
 import cv2
 import numpy as np
@@ -15,12 +15,10 @@ from numpy.typing import NDArray
 from physgen.image_formats import MOST_PIXELS
 from physgen.photometry import decode, encode_u8
 from physgen.photos import decode_picture, open_picture, read_channels, read_photo
-from physgen.problems import InputError, Place, Problem, Severity
+from physgen.problems import InputError
 from physgen.text import natural
 
 U8 = NDArray[np.uint8]
-
-
 F32 = NDArray[np.float32]
 Item = TypeVar("Item")
 Progress = Callable[[str, int, int], None]
@@ -28,32 +26,25 @@ Progress = Callable[[str, int, int], None]
 SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff", ".ppm", ".pgm", ".pnm")
 """Of pictures in a folder; other files are passed over."""
 SIGNATURES = (
-    (0, b"\x89PNG"),
-    (0, b"\xff\xd8\xff"),
-    (0, b"GIF8"),
-    (8, b"WEBP"),
-    (0, b"BM"),
-    (0, b"II*\0"),
-    (0, b"MM\0*"),
-    *((0, b"P%d" % k) for k in range(1, 7)),
+    b"\x89PNG",
+    b"\xff\xd8\xff",
+    b"GIF8",
+    b"BM",
+    b"II*\0",
+    b"MM\0*",
+    *(b"P%d" % k for k in range(1, 7)),
 )
-"""Positions and bytes by which pictures are recognised."""
+"""First bytes by which pictures are recognised; those of WebP stand at byte 8."""
 ANIMATED = ("GIF", "WEBP", "PNG")
 """Formats of Pillow that may be animated; FFmpeg decodes no animated WebP."""
 DEFAULT_DURATION = 0.1
 """s for which a frame of a GIF without a duration is shown, as browsers do."""
-UNEVEN = 0.0105
-"""s by which durations of frames may differ without a warning: a GIF counts in hundredths."""
 HD_LINES = 720
 """Lines from which on colours without a named matrix are BT.709's, as in players; BT.601's below."""
 UNNAMED_MATRIX = 2
 HDR_TRANSFERS = (16, 18)
 """PQ and HLG (ITU-T H.273)."""
 CONVERT = "save it as MP4, GIF or WebP, or as a folder of PNG"
-MAX_IDS = 32
-"""Masks of 8 bits that are nowhere brighter hold ids: as coverage hardly anything would be seen."""
-MAX_TINT = 32
-"""Codes by which the channels of a video of grey masks may differ, by compression."""
 
 
 class VideoFrame(NamedTuple):
@@ -87,10 +78,8 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
             # a playlist cannot name other files or addresses
             container = av.open(file, options={"protocol_whitelist": "none"}, metadata_errors="replace")
         except FFmpegError as error:
-            reason = (error.strerror or str(error)).lower()
-            raise InputError.of(
-                str(path), "", f"is not a video that can be read ({reason})", CONVERT
-            ) from None
+            what = f"is not a video that can be read ({(error.strerror or str(error)).lower()})"
+            raise InputError.of(str(path), "", what, CONVERT) from None
         with container:
             streams = [s for s in container.streams.video if not s.disposition & s.disposition.attached_pic]
             if not streams:
@@ -100,20 +89,6 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
                 found = f"{stream.width} x {stream.height} px"
                 raise InputError.of(str(path), found, "is over 100 megapixels", "make the video smaller")
             yield container, stream
-
-
-def _stream_facts(path: Path) -> tuple[float | None, tuple[Problem, ...]]:
-    """Frames per second, if known, and warnings about what is lost. Raises InputError."""
-    with _opened(path) as (container, stream):
-        rate = stream.average_rate or stream.guessed_rate
-        remarks = []
-        if container.streams.audio:
-            remarks.append(_warning(path, "has sound", "the new video has none"))
-        shape = stream.sample_aspect_ratio
-        if shape and shape != 1:
-            found = f"has pixels of {shape} times their height"
-            remarks.append(_warning(path, found, "the new video's are square"))
-        return float(rate) if rate else None, tuple(remarks)
 
 
 def plays_anywhere(path: Path) -> bool:
@@ -188,15 +163,8 @@ class Decoded(Sequence[Item]):
     def __len__(self) -> int:
         return self._count
 
-    @overload
-    def __getitem__(self, index: int) -> Item: ...
-    @overload
-    def __getitem__(self, index: slice) -> list[Item]: ...
-    def __getitem__(self, index: int | slice) -> Item | list[Item]:
-        """A frame; of a slice, a list. Raises InputError where the file has changed."""
-        if isinstance(index, slice):
-            return [self[k] for k in range(*index.indices(self._count))]
-        index = index + self._count if index < 0 else index
+    def __getitem__(self, index: int) -> Item:  # type: ignore[override]  # no slices
+        """Raises InputError where the file has changed."""
         if not 0 <= index < self._count:
             raise IndexError(index)
         if self._running is None or index < self._at:
@@ -213,22 +181,20 @@ class Decoded(Sequence[Item]):
 
 @dataclass(frozen=True)
 class Video:
-    """A video whose every frame could be decoded."""
+    """A video whose every frame could be decoded; its sound is not read."""
 
     path: Path
     size: tuple[int, int]
     """Width and height, px."""
     fps: float | None
-    """1/s; None: pictures, which have no time."""
+    """1/s, the mean where frames are shown for different times; None: pictures, which have no time."""
     frames: Sequence[U8]
     """(H, W, 3) sRGB each."""
-    remarks: tuple[Problem, ...]
-    """Warnings about what is lost: sound, uneven durations ..."""
 
 
 def read_video(path: Path, progress: Progress = lambda stage, done, total: None) -> Video:
     """Decodes all frames once, to count and to check them. Raises InputError."""
-    start, fps, remarks = _source(path)
+    start, fps = _source(path)
     size = None
     seconds = []
     for frame in start():
@@ -245,12 +211,7 @@ def read_video(path: Path, progress: Progress = lambda stage, done, total: None)
     timed = [s for s in seconds if s]
     if fps is None and timed:
         fps = len(timed) / sum(timed)
-    most, least = (pick(timed[:-1], default=0.0) for pick in (max, min))  # the last is often odd
-    if fps is not None and most - least > UNEVEN:
-        expected = f"shows some frames for {least:.3g} s, others for {most:.3g} s"
-        remarks += (_warning(path, expected, f"now all are shown equally long, at {fps:.4g} fps"),)
-    frames = Decoded(path, lambda: (frame.rgb for frame in start()), len(seconds))
-    return Video(path, size, fps, frames, remarks)
+    return Video(path, size, fps, Decoded(path, lambda: (frame.rgb for frame in start()), len(seconds)))
 
 
 def video_frames(path: Path) -> Iterator[VideoFrame]:
@@ -258,19 +219,16 @@ def video_frames(path: Path) -> Iterator[VideoFrame]:
     return _source(path)[0]()
 
 
-def _source(path: Path) -> tuple[Callable[[], Iterator[VideoFrame]], float | None, tuple[Problem, ...]]:
-    """A function that decodes from the first frame on; frames per second, if known; and warnings."""
+def _source(path: Path) -> tuple[Callable[[], Iterator[VideoFrame]], float | None]:
+    """A function that decodes from the first frame on; and frames per second, if known."""
     if path.is_dir():
         pictures = in_folder(path)
-        return lambda: map(_still, pictures), None, ()
+        return lambda: map(_still, pictures), None
     if is_picture(path):
-        return (lambda: _pages(path)) if plays(path) else (lambda: iter([_still(path)])), None, ()
-    fps, remarks = _stream_facts(path)
-    return lambda: _decoded_frames(path), fps, remarks
-
-
-def _warning(path: Path, found: str, fix: str) -> Problem:
-    return Problem(Place(str(path)), "", "", found, fix, Severity.WARNING)
+        return (lambda: _pages(path)) if plays(path) else (lambda: iter([_still(path)])), None
+    with _opened(path) as (_, stream):
+        rate = stream.average_rate or stream.guessed_rate
+    return lambda: _decoded_frames(path), float(rate) if rate else None
 
 
 def in_folder(folder: Path) -> list[Path]:
@@ -287,7 +245,7 @@ def is_picture(path: Path) -> bool:
         raise InputError.of(str(path), "", "no such file", "check the path")
     with path.open("rb") as file:
         head = file.read(16)
-    return any(head[at : at + len(mark)] == mark for at, mark in SIGNATURES)
+    return head.startswith(SIGNATURES) or head[8:12] == b"WEBP"
 
 
 def plays(picture: Path) -> bool:
@@ -310,10 +268,8 @@ def _pages(path: Path) -> Iterator[VideoFrame]:
             except (EOFError, OSError, SyntaxError, ValueError):
                 raise InputError.of(place, "", "cannot be decoded", CONVERT) from None
             decode_picture(image, Path(place))
-            seconds = float(image.info.get("duration") or 0) / 1000
-            yield VideoFrame(
-                over_white(np.asarray(image.convert("RGBA"))), seconds or DEFAULT_DURATION, place
-            )
+            seconds = float(image.info.get("duration") or 0) / 1000 or DEFAULT_DURATION
+            yield VideoFrame(over_white(np.asarray(image.convert("RGBA"))), seconds, place)
 
 
 @dataclass(frozen=True)
@@ -323,77 +279,38 @@ class Coverage:
     path: Path
     frames: Sequence[F32]
     """(H, W) of each frame, 0..1."""
-    meaning: str
-    """How the numbers were read: `coverage`, `ids`, or both words."""
-    remarks: tuple[Problem, ...]
 
 
 def open_coverage(path: Path, clip: Video, progress: Progress = lambda stage, done, total: None) -> Coverage:
     """Masks for every frame of `clip`: a folder with a picture per frame, a video, or one picture for all frames.
 
-    The kind of a mask says what its numbers mean. Grey of 8 bits is coverage, 0 none .. 255 all, and so are videos and
-    a picture's opacity. Of 16 bits, a palette or colours, anything but 0 or black is an object. Grey that is nowhere
-    brighter than `MAX_IDS` is ids, too, with a warning. Each mask is read once to be checked. Raises InputError.
+    Grey of 8 bits is coverage, 0 none .. 255 all, and so are videos. Of pictures with 16 bits, a palette or colours,
+    anything but 0 or black is an object. Each mask is read once to be checked. Raises InputError.
     """
     count = len(clip.frames)
+    pictures: list[Path] = []
     if path.is_dir():
         pictures = in_folder(path)
-        _check_count(path, len(pictures), count, "name the picture itself to use one for all frames")
-        return _picture_coverage(path, pictures, clip, progress)
-    if is_picture(path) and not plays(path):
-        one = _picture_coverage(path, [path], clip, progress)
-        return Coverage(path, [one.frames[0]] * count, one.meaning, one.remarks)
-    video = read_video(path, progress)
-    _check_count(path, len(video.frames), count, "give one mask a frame")
-    _check_size(str(path), video.size, clip.size)
-    brightest = 0
-    for k, rgb in enumerate(video.frames):
-        if int((rgb.max(axis=2) - rgb.min(axis=2)).max()) > MAX_TINT:
-            fix = "save masks in grey, white where objects are, or ids as a folder of PNG"
-            raise InputError.of(f"{path}: frame {k}", "", "is in colour", fix)
-        brightest = max(brightest, int(rgb.max()))
-        progress("read masks", k + 1, count)
+    elif is_picture(path) and not plays(path):
+        pictures = [path]
+    is_still = pictures == [path]
 
-    def masks() -> Iterator[F32]:
-        for rgb in video.frames:
-            yield _padded(np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8), clip.size)
-
-    return Coverage(path, Decoded(path, masks, count), "coverage", _coverage_remarks(path, brightest, False))
-
-
-def _picture_coverage(path: Path, pictures: Sequence[Path], clip: Video, progress: Progress) -> Coverage:
-    brightest, kinds = 0, set()
-    for k, picture in enumerate(pictures):
-        values, ids = _read_mask(picture)
-        _check_size(str(picture), values.shape[::-1], clip.size)
-        kinds.add("ids" if ids else "coverage")
-        brightest = max(brightest, int(values.max()))
-        progress("read masks", k + 1, len(pictures))
-    dim = kinds == {"coverage"} and 0 < brightest <= MAX_IDS
-
-    def masks() -> Iterator[F32]:
+    def masks() -> Iterator[tuple[str, U8]]:
         for picture in pictures:
-            values, _ = _read_mask(picture)
-            yield _padded(np.where(values > 0, np.uint8(255), np.uint8(0)) if dim else values, clip.size)
+            yield str(picture), _read_mask(picture)
+        for frame in () if pictures else video_frames(path):
+            yield frame.place, np.asarray(cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2GRAY), np.uint8)
 
-    meaning = "ids" if dim else " and ".join(sorted(kinds))
-    remarks = _coverage_remarks(path, brightest, dim)
-    return Coverage(path, Decoded(path, masks, len(pictures)), meaning, remarks)
-
-
-def _coverage_remarks(path: Path, brightest: int, dim: bool) -> tuple[Problem, ...]:
-    if not brightest:
-        return (_warning(path, "covers nothing", "no object is held"),)
-    if dim:
-        found = f"is nowhere brighter than {brightest}, so its numbers are taken for ids"
-        return (_warning(path, found, "anything but 0 is taken for an object; coverage goes up to 255"),)
-    return ()
-
-
-def _check_count(path: Path, found: int, expected: int, fix: str) -> None:
-    if found != expected:
-        masks = f"{found} mask{'s' * (found != 1)}"
-        raise InputError.of(str(path), masks, f"for {expected} frame{'s' * (expected != 1)}", fix)
+    found = len(pictures) or len(read_video(path, progress).frames)
+    if not is_still and found != count:
+        what = f"{found} mask{'s' * (found != 1)}"
+        fix = "give one mask a frame, or name one picture for all frames"
+        raise InputError.of(str(path), what, f"for {count} frame{'s' * (count != 1)}", fix)
+    for k, (place, mask) in enumerate(masks()):
+        _check_size(place, mask.shape[::-1], clip.size)
+        progress("read masks", k + 1, found)
+    decoded = Decoded(path, lambda: (_padded(mask, clip.size) for _, mask in masks()), found)
+    return Coverage(path, [decoded[0]] * count if is_still else decoded)
 
 
 def _check_size(place: str, size: tuple[int, ...], video: tuple[int, int]) -> None:
@@ -406,42 +323,35 @@ def _check_size(place: str, size: tuple[int, ...], video: tuple[int, int]) -> No
 def _padded(values: U8, size: tuple[int, int]) -> F32:
     """0..1, with the last column and row repeated where the video has one more."""
     below, right = size[1] - values.shape[0], size[0] - values.shape[1]
-    if below or right:
-        values = np.pad(values, ((0, below), (0, right)), mode="edge")
-    return values.astype(np.float32) / np.float32(255)
+    padded = np.pad(values, ((0, below), (0, right)), mode="edge")
+    return padded.astype(np.float32) / np.float32(255)
 
 
-def _read_mask(path: Path) -> tuple[U8, bool]:
-    """(H, W) coverage in 255ths, and whether the mask held ids, which are 255. Raises InputError."""
+def _read_mask(path: Path) -> U8:
+    """(H, W) coverage in 255ths. Raises InputError."""
     with open_picture(path) as image:
-        jpeg = image.format in ("JPEG", "MPO")
         if image.mode == "P":
             decode_picture(image, path)
             colours = np.asarray(image.convert("RGB"))
-            if _is_grey(colours):  # greys saved as a palette
-                return np.ascontiguousarray(colours[..., 0]), False
-            return _of_ids(np.asarray(image))
+            return colours[..., 0].copy() if _is_grey(colours) else _of_ids(np.asarray(image))
+        jpeg = image.format in ("JPEG", "MPO")
     raw = read_channels(path)
+    colours = raw if raw.ndim == 2 else raw[..., : 1 if raw.shape[2] == 2 else 3]
     if raw.dtype == np.uint16:
-        return _of_ids(raw if raw.ndim == 2 else raw[..., : 1 if raw.shape[2] == 2 else 3])
-    values = raw.astype(np.uint8, copy=False)
-    if values.ndim == 2:
-        return values, False
-    if values.shape[2] in (2, 4) and (values[..., -1] < 255).any():
-        return np.ascontiguousarray(values[..., -1]), False
-    if values.shape[2] == 2 or _is_grey(values[..., :3]):
-        return np.ascontiguousarray(values[..., 0]), False
+        return _of_ids(colours)
+    if colours.ndim == 2 or colours.shape[2] == 1 or _is_grey(colours):
+        return np.ascontiguousarray(colours if colours.ndim == 2 else colours[..., 0], np.uint8)
     if jpeg:
         fix = "save it as PNG, or in grey"
         raise InputError.of(str(path), "", "is a JPEG in colour, whose compression changes ids", fix)
-    return _of_ids(values[..., :3])
+    return _of_ids(colours)
 
 
-def _is_grey(rgb: U8) -> bool:
+def _is_grey(rgb: NDArray[Any]) -> bool:
     return np.array_equal(rgb[..., 0], rgb[..., 1]) and np.array_equal(rgb[..., 0], rgb[..., 2])
 
 
-def _of_ids(ids: NDArray[np.uint8] | NDArray[np.uint16]) -> tuple[U8, bool]:
+def _of_ids(ids: NDArray[Any]) -> U8:
     """Of ids (H, W), or colours (H, W, 3)."""
     there = ids > 0 if ids.ndim == 2 else np.any(ids > 0, axis=2)
-    return np.where(there, np.uint8(255), np.uint8(0)), True
+    return np.where(there, np.uint8(255), np.uint8(0))

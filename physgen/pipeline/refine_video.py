@@ -101,7 +101,7 @@ def refine_video(
             found = f"{clip.size[0]} x {clip.size[1]} px"
             expected = f"is over the {most} px that {kind.value} allows a side"
             raise InputError.of(str(output), found, expected, "name a folder for PNG frames")
-        warnings = [*clip.remarks, *(covered.remarks if covered else ()), *_remarks(job)]
+        warnings = list(_remarks(job))
         for warning in warnings:
             warn(warning)
         fps = job.fps or clip.fps or float(at("render.fps")["default"])
@@ -116,7 +116,7 @@ def refine_video(
             "command": list(job.command),
             "versions": versions(),
             "video": {**_named(clip.path, output), **size},
-            "masks": covered and {**_named(covered.path, output), "meaning": covered.meaning},
+            "masks": covered and _named(covered.path, output),
             "keep_first": job.keep_first,
             **refined,
             "output": {"path": output.name, "sha256": content_hash(made)},

@@ -199,7 +199,7 @@ def test_the_record_tells_what_ran_on_what(clip: Path, masks: Path, tmp_path: Pa
     assert (record["video"]["path"], record["video"]["size"]) == ("clip.mp4", [46, 34])
     lines = "".join(f"{sha(path)}  {path.name}\n" for path in sorted(masks.iterdir()))
     digest = hashlib.sha256(lines.encode()).hexdigest()
-    assert record["masks"] == {"path": "masks", "sha256": digest, "meaning": "coverage"}
+    assert record["masks"] == {"path": "masks", "sha256": digest}
     assert record["backend"] == {"name": "animatediff", "weights": ""}
     assert len(record["frames"]) == COUNT
     ran = record["refine"]
