@@ -6,13 +6,12 @@ import argparse
 from pathlib import Path
 
 from physgen.cli.arguments import Command, Parser
-from physgen.cli.output import OK, Bar, print_backup, print_json, print_problem
+from physgen.cli.output import OK, Bar, print_backup, print_json
 from physgen.problems import InputError
 
 
 def gallery(options: argparse.Namespace) -> int:
     from physgen.report.clips import clips_in
-    from physgen.report.films import size_warning
     from physgen.report.gallery import write_gallery
 
     folders: list[Path] = options.folders
@@ -25,13 +24,10 @@ def gallery(options: argparse.Namespace) -> int:
         folders,
         index,
         title=options.title,
-        single=options.single_file,
         progress=bar.show,
         keep=print_backup,
     )
     bar.clear()
-    if options.single_file and (large := size_warning(made.index, "name fewer folders")) is not None:
-        print_problem(large)
     if options.json:
         print_json(
             {"index": str(made.index), "clips": made.clips, "failures": made.failures, "bytes": made.bytes}
@@ -49,7 +45,6 @@ def add(parser: Parser) -> None:
     )
     parser.option("-o --output", "FILE", Path, about)
     parser.option("--title", "TEXT", str, "title of the page; default: the names of the folders")
-    parser.flag("--single-file", "embed pictures and videos in the page, to send it alone")
     parser.flag("--json", "print what was written as JSON")
 
 

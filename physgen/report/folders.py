@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import atexit
 import errno
-import fcntl
 import json
 import os
 import re
@@ -21,25 +20,9 @@ from physgen.files import machine_id, partial
 from physgen.problems import InputError
 
 _LEFT = re.compile(r"\.(?P<name>.+)\.(?P<process>\d{1,10})-(?P<machine>[0-9a-f]{8})\.(?P<kind>part|old)")
-FRESH = 0.5
-"""s for which a file without a lock is left alone: whoever writes it may be on another machine."""
-MINUTE, DAY = 60.0, 86400.0
-"""s after which the number of a process that is gone may be another's."""
+DAY = 86400.0
+"""s after which a leftover of another machine is removed: its processes are not seen from here."""
 _SWEPT: set[Path] = set()
-
-
-@contextmanager
-def lock_folder(folder: Path) -> Iterator[None]:
-    """While the block runs, no process removes the folder as a leftover."""
-    lock = None
-    with suppress(OSError):
-        lock = os.open(folder, os.O_RDONLY)
-        fcntl.flock(lock, fcntl.LOCK_EX)  # who clears up may hold it for an instant
-    try:
-        yield
-    finally:
-        if lock is not None:
-            os.close(lock)
 
 
 @contextmanager
@@ -62,8 +45,8 @@ def remove_leftovers_once(out: Path) -> None:
 def remove_leftovers(out: Path) -> None:
     """Remove unfinished files and folders of ended processes in `out`; what they had moved aside goes back.
 
-    A process that fills a folder holds a lock on it. Without locks, as on some shared file systems, and for other
-    machines, a leftover is removed when it is a day old."""
+    Those of other machines are removed when they are a day old.
+    """
     try:
         with os.scandir(out) as entries:
             left = [(entry, match) for entry in entries if (match := _LEFT.fullmatch(entry.name))]
@@ -75,20 +58,13 @@ def remove_leftovers(out: Path) -> None:
             folder = entry.is_dir(follow_symlinks=False)
             age = time.time() - entry.stat(follow_symlinks=False).st_ctime
             away = match["machine"] != machine_id()
-            dead = age > DAY if away else not _lives(int(match["process"]))
-            gone = dead and age > FRESH
-            if match["kind"] == "old" and folder and gone:
-                if final.exists():
-                    shutil.rmtree(path, ignore_errors=True)
-                else:
-                    path.rename(final)
-            elif (
-                match["kind"] == "part"
-                and folder
-                and _is_free(path, dead or (age > MINUTE and not away), age)
-            ):
+            if age < DAY if away else _lives(int(match["process"])):
+                continue
+            if match["kind"] == "old" and folder and not final.exists():
+                path.rename(final)
+            elif folder:
                 shutil.rmtree(path, ignore_errors=True)
-            elif match["kind"] == "part" and not folder and gone:
+            else:
                 path.unlink(missing_ok=True)
 
 
@@ -100,8 +76,7 @@ def temporary_folder() -> Iterator[Path]:
     folder = partial(home / f"physgen-{secrets.token_hex(4)}")
     folder.mkdir(mode=0o700)
     try:
-        with lock_folder(folder):
-            yield folder
+        yield folder
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
@@ -112,20 +87,6 @@ def process_folder() -> Path:
     stack = ExitStack()
     atexit.register(stack.close)
     return stack.enter_context(temporary_folder())
-
-
-def _is_free(folder: Path, left: bool, age: float) -> bool:
-    """Whether no process fills it, though it looks `left`."""
-    lock = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        return left
-    except BlockingIOError:
-        return False
-    except OSError:
-        return left and age > DAY
-    finally:
-        os.close(lock)
 
 
 def _lives(process: int) -> bool:
@@ -157,15 +118,14 @@ def atomic_folder(final: Path) -> Iterator[Path]:
     shutil.rmtree(beside, ignore_errors=True)
     beside.mkdir()
     old = partial(final, "old")
-    with lock_folder(beside):
-        try:
-            yield beside
-            _instead(beside, final, old)
-        except BaseException:
-            shutil.rmtree(beside, ignore_errors=True)
-            if old.exists() and not final.exists():
-                old.rename(final)
-            raise
+    try:
+        yield beside
+        _instead(beside, final, old)
+    except BaseException:
+        shutil.rmtree(beside, ignore_errors=True)
+        if old.exists() and not final.exists():
+            old.rename(final)
+        raise
     shutil.rmtree(old, ignore_errors=True)
 
 

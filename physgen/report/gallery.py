@@ -6,7 +6,6 @@ creates only new ones. All text from outside is escaped.
 
 from __future__ import annotations
 
-import base64
 import csv
 import json
 import os
@@ -28,7 +27,7 @@ from physgen.problems import InputError
 from physgen.report.clips import Clip, clips_in
 from physgen.report.films import poster_and_strip, strip_columns, strip_frames
 from physgen.report.folders import remove_leftovers
-from physgen.report.html import script_json, template
+from physgen.report.html import data_uri, script_json, template
 from physgen.report.sweep_keys import SweptKey, swept_keys
 from physgen.text import natural
 
@@ -43,7 +42,6 @@ BEFORE_OUTCOMES, AFTER_OUTCOMES = "error", "video"
 MOST_OUTCOMES, MOST_ROWS = 64, 1_000_000
 """Columns and rows of a table that are read."""
 MARK = '<meta name="generator" content="physgen gallery">'
-FORMER_MARK = "<title>physgen gallery</title>"
 SCRIPTS = ("state", "choose", "shots", "clock", "sheet", "look", "page")
 """In the order in which they build on each other."""
 MOST_CHOICES = 8
@@ -66,7 +64,7 @@ class Gallery:
 
 @dataclass(frozen=True)
 class ClipPictures:
-    """A clip's poster and strip as the page names them: paths or data URIs; empty where it has none."""
+    """A clip's poster and strip as the page names them; empty where it has none."""
 
     poster: str = ""
     strip: str = ""
@@ -77,11 +75,10 @@ def write_gallery(
     index: Path,
     *,
     title: str | None = None,
-    single: bool = False,
     progress: Progress = lambda stage, done, total: None,
     keep: Callable[[Path], None] = lambda kept: None,
 ) -> Gallery:
-    """The page of all clips below `roots`; a `single` file carries pictures and films.
+    """The page of all clips below `roots`.
 
     A file at `index` that physgen did not write is backed up, and `keep` gets its new path. Raises InputError for
     roots that are no folders.
@@ -94,17 +91,16 @@ def write_gallery(
     shots = []
     for k, clip in enumerate(clips):
         progress("gallery", k, len(clips))
-        shots.append(clip_pictures(clip, files, single))
+        shots.append(clip_pictures(clip, files))
     names = [root.resolve().name for root in roots]
     if title is None:
         title = ", ".join(dict.fromkeys(names)) if len(set(names)) <= 3 and all(names) else "Gallery"
-    text = gallery_page(clips, shots, index.parent, title or "Gallery", single)
+    text = gallery_page(clips, shots, index.parent, title or "Gallery")
     if index.exists() and not _ours(index):
         back_up(index, keep)
     data = text.encode("utf-8")
     write_atomic(index, data)
-    if not single:
-        sweep_files(files, {Path(path).name for shot in shots for path in (shot.poster, shot.strip)})
+    sweep_files(files, {Path(path).name for shot in shots for path in (shot.poster, shot.strip)})
     return Gallery(index, len(clips), sum(bool(clip.problems) for clip in clips), len(data))
 
 
@@ -112,19 +108,17 @@ def keep_pictures(home: Path, index: Path) -> None:
     """Makes the pictures of one clip for a gallery that will be written to `index`; errors are left to that."""
     with suppress(OSError, InputError):
         for clip in clips_in([home]):
-            clip_pictures(clip, index.with_name(f"{index.stem}.files"), single=False)
+            clip_pictures(clip, index.with_name(f"{index.stem}.files"))
 
 
-def gallery_page(
-    clips: Sequence[Clip], shots: Sequence[ClipPictures], home: Path, title: str, single: bool = False
-) -> str:
+def gallery_page(clips: Sequence[Clip], shots: Sequence[ClipPictures], home: Path, title: str) -> str:
     """The HTML; paths are relative to `home`."""
     keys, outcomes = swept_keys(clips), sweep_outcomes(clips)
     names = Counter(clip.name for clip in clips)
     cards = []
     for k, (clip, shot) in enumerate(zip(clips, shots, strict=True)):
         values = [key.values[k] for key in keys]
-        card = _card(k, clip, shot, keys, values, home, single)
+        card = _card(k, clip, shot, keys, values, home)
         card["where"] = card["data"]["where"] = _folder(clip, home) if names[clip.name] > 1 else ""
         if outcomes:
             card["data"]["became"] = [
@@ -139,7 +133,6 @@ def gallery_page(
         "became": [{"path": f"={one.column}", "name": one.name, "unit": one.unit} for one in outcomes],
         # a sweep over two keys is shown as a table of both
         "grid": len(clips) > 3 and len(free) == 2 and all(None not in key.values for key in free),
-        "single": single,
     }
     scripts = [resource("templates", "gallery", f"{name}.js").read_text(encoding="utf-8") for name in SCRIPTS]
     times = [clip.time for clip in clips]
@@ -152,16 +145,8 @@ def gallery_page(
         earliest=_day(min(times, default=0.0)),
         latest=_day(max(times, default=0.0)),
         labels=labels.most_common() if len(labels) > 1 else [],
-        variants=Counter(clip.variant or "" for clip in clips).most_common()
-        if any(clip.variant for clip in clips)
-        else [],
         keys=[_filter(key) for key in keys],
         aspect=_aspect(clips),
-        films=[
-            {"number": k, "data": base64.b64encode(clip.film.read_bytes()).decode("ascii")}
-            for k, clip in enumerate(clips)
-            if single and clip.film is not None and clip.film.suffix in KINDS
-        ],
         data=script_json(data),
         script='(() => {\n"use strict";\n' + "\n".join(scripts) + "})();",
         version=__version__,
@@ -176,12 +161,11 @@ def _card(
     keys: Sequence[SweptKey],
     values: Sequence[float | str | None],
     home: Path,
-    single: bool,
 ) -> dict[str, Any]:
     """Variables of the template for one clip; `data` is for the script."""
-    film = "" if clip.film is None or single or clip.film.suffix not in KINDS else link(clip.film, home)
+    film = "" if clip.film is None or clip.film.suffix not in KINDS else link(clip.film, home)
     labels = list(clip.labels.items())
-    href = "" if clip.report is None or single else link(clip.report, home)
+    href = "" if clip.report is None else link(clip.report, home)
     shared = {"name": clip.name, "href": href, "size": clip.size, "variant": clip.variant}
     data = shared | {
         "scene": clip.scene,
@@ -193,7 +177,7 @@ def _card(
         "shown": strip_frames(clip.frames),
         "across": strip_columns(clip.frames),
         "poster": bool(shot.poster),
-        "strip": shot.strip and ("held" if single else shot.strip),
+        "strip": shot.strip,
         "film": film,
         "kind": "" if clip.film is None else KINDS.get(clip.film.suffix, ""),
         "values": values,
@@ -212,7 +196,6 @@ def _card(
         "data": data,
         "number": number,
         "poster": shot.poster,
-        "strip": shot.strip if single else "",
         "facts": _facts(clip),
         "labels": labels[:3],
         "more": len(labels) - 3,
@@ -256,8 +239,8 @@ def link(path: Path, home: Path) -> str:
     return quote(relative if relative.startswith("../") else f"./{relative}")
 
 
-def clip_pictures(clip: Clip, files: Path, single: bool) -> ClipPictures:
-    """Poster and strip, made unless they exist; none where the film cannot be read."""
+def clip_pictures(clip: Clip, files: Path, single: bool = False) -> ClipPictures:
+    """Poster and strip, made unless they exist (data URIs for a `single` file); none where a film cannot be read."""
     if clip.film is None or not re.fullmatch("[0-9a-f]{20}", clip.seal):
         return ClipPictures()
     paths = [files / f"{clip.seal}.{kind}.webp" for kind in ("poster", "strip")]
@@ -268,7 +251,7 @@ def clip_pictures(clip: Clip, files: Path, single: bool) -> ClipPictures:
     except OSError:
         return ClipPictures()
     if single:
-        return ClipPictures(*(f"data:image/webp;base64,{base64.b64encode(data).decode()}" for data in made))
+        return ClipPictures(*(data_uri(data, ".webp") for data in made))
     files.mkdir(parents=True, exist_ok=True)
     for path, data in zip(paths, made, strict=True):
         write_atomic(path, data)
@@ -287,7 +270,7 @@ def sweep_files(files: Path, used: set[str]) -> None:
 def _ours(index: Path) -> bool:
     with index.open("rb") as file:
         head = file.read(2000).decode("utf-8", "replace")
-    return MARK in head or FORMER_MARK in head
+    return MARK in head
 
 
 def _day(time: float) -> str:

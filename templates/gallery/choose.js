@@ -19,7 +19,6 @@ function fits(n) {
   return words.every(word => textOf(n).includes(word))
     && (!state.is.size || [...state.is].some(name => outcome[name]))
     && (!state.label.size || clip.labels.some(label => state.label.has(label)))
-    && (!state.variant.size || state.variant.has(clip.variant ?? ""))
     && keys.every((key, k) => {
       const value = clip.values[k], chosen = state.picks.get(key.path), range = state.ranges.get(key.path);
       return (!chosen?.size || (value !== null && chosen.has(textsOf[k].get(value))))

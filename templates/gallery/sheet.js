@@ -78,7 +78,7 @@ function cell(found) {
   const link = clip.href && !several && !clip.failed;
   const values = keys.map((key, k) => (clip.values[k] === null ? "" : `${key.name} ${textsOf[k].get(clip.values[k])}`)).filter(Boolean);
   const label = several ? `${found.length} clips, the first: ${clip.name}` : [clip.name, ...values].join(", ");
-  const box = clip.poster || data.single ? make("div", { className: "shot" }) : null;
+  const box = clip.poster ? make("div", { className: "shot" }) : null;
   const inside = clip.failed && !clip.strip
     ? make("div", { className: "why" }, [make("p", { className: "bad", text: "Failed" }), make("p", { text: clip.why })])
     : box ?? make("div", { className: "shot none" }, [make("span", { text: "no picture" })]);

@@ -2,7 +2,6 @@
 const still = matchMedia("(prefers-reduced-motion: reduce)");
 const shots = new Map(); // box -> shot
 const strips = new Map(); // number of a clip -> image
-const films = new Map(); // number of a clip -> address of its film
 const MOST_FILMS = 36; // that play at once; the others run through their strips
 const WAIT = 90; // ms that a pointer must stay
 
@@ -36,20 +35,13 @@ const lastOf = clip => Math.max(clip.frames - 1, 0) / clip.fps;
 function stripOf(n) {
   if (!strips.has(n)) {
     const image = new Image();
-    image.src = data.single ? document.getElementById(`strip-${n}`)?.textContent ?? "" : clips[n].strip;
+    image.src = clips[n].strip;
     strips.set(n, image);
   }
   return strips.get(n);
 }
 
-function filmOf(n) {
-  if (!films.has(n)) {
-    const held = document.getElementById(`film-${n}`);
-    const bytes = held && Uint8Array.from(atob(held.textContent), c => c.charCodeAt(0));
-    films.set(n, held ? URL.createObjectURL(new Blob([bytes], { type: clips[n].kind })) : clips[n].film);
-  }
-  return films.get(n);
-}
+const filmOf = n => clips[n].film;
 
 /* the frame of the strip that is nearest to a time, s; the poster without one */
 function show(shot, time = state.time) {

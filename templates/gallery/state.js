@@ -4,8 +4,8 @@ const clips = data.clips, keys = data.keys;
 const part = name => document.querySelector(`[data-part=${name}]`);
 const all = (what, within = document) => [...within.querySelectorAll(what)];
 const START = data.grid ? "grid" : "cards";
-const SETS = ["is", "label", "variant"];
-const state = { q: "", sort: "", desc: false, view: START, x: "", y: "", time: null, is: new Set(), label: new Set(), variant: new Set(), picks: new Map(), ranges: new Map() };
+const SETS = ["is", "label"];
+const state = { q: "", sort: "", desc: false, view: START, x: "", y: "", time: null, is: new Set(), label: new Set(), picks: new Map(), ranges: new Map() };
 
 function readState() {
   const params = new URLSearchParams(location.hash.slice(1));

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import shutil
-import time
 from pathlib import Path
 
 from physgen.cli.main import main
 from physgen.files import machine_id
-from physgen.report.folders import FRESH
 from physgen.report.gallery import keep_pictures, write_gallery
 
 BALL = """\
@@ -61,7 +59,6 @@ def test_what_a_killed_worker_left_goes(tmp_path: Path) -> None:
 
     half = picture.with_name(f".{picture.name}.4194303-{machine_id()}.part")  # above any process number
     half.write_bytes(b"RIFF")
-    time.sleep(FRESH + 0.1)
     (tmp_path / "scene.yaml").write_text(BALL.replace("radius: 5", "radius: 6"))
     assert main(["render", str(tmp_path / "scene.yaml"), "-o", str(out), *flags]) == 0
     assert not half.exists()

@@ -287,7 +287,7 @@ MESSAGES = {
     "no masks": (["clip.mp4", "--masks", "no"], "no: no such file; check the path"),
     "too few masks": (
         ["clip.mp4", "--masks", "few"],
-        "few: 1 mask for 6 frames; name the picture itself to use one for all frames",
+        "few: 1 mask for 6 frames; give one mask a frame, or name one picture for all frames",
     ),
     "masks of another size": (
         ["clip.mp4", "--masks", "small"],

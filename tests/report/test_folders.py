@@ -55,13 +55,6 @@ DEAD = 2**22 + 12345
 """Above Linux's largest process number."""
 
 
-@pytest.fixture
-def later(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What was just written is no more fresh."""
-    monkeypatch.setattr(folders, "FRESH", -1.0)
-
-
-@pytest.mark.usefixtures("later")
 def test_what_killed_runs_left_is_cleared_and_the_old_folder_comes_back(tmp_path: Path) -> None:
     (tmp_path / f".run.{DEAD}-{machine_id()}.part").mkdir()
     (tmp_path / f".run.{DEAD}-{machine_id()}.old").mkdir()
@@ -94,34 +87,13 @@ def test_what_killed_runs_left_is_cleared_and_the_old_folder_comes_back(tmp_path
     assert sorted(p.name for p in tmp_path.iterdir()) == left
 
 
-@pytest.mark.usefixtures("later")
-def test_a_folder_that_is_being_filled_stays_whoever_fills_it(tmp_path: Path) -> None:
-    """On another machine, its process's number says nothing here."""
-    busy = tmp_path / f".run.{DEAD}-{machine_id()}.part"
-    busy.mkdir()
-    with folders.lock_folder(busy):
-        folders.remove_leftovers(tmp_path)
-        assert busy.is_dir()
-    folders.remove_leftovers(tmp_path)
-    assert not busy.exists()
-
-
-@pytest.mark.usefixtures("later")
 def test_what_another_machine_is_at_stays_for_a_day(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its processes and, on some shared disks, its locks are not seen from here."""
     theirs = [tmp_path / f".run.{DEAD}-0123abcd.part", tmp_path / f".index.html.{DEAD}-0123abcd.part"]
     theirs[0].mkdir()
     theirs[1].write_text("half")
-    monkeypatch.setattr(folders, "MINUTE", -1.0)
     folders.remove_leftovers(tmp_path)
     assert sorted(tmp_path.iterdir()) == sorted(theirs)
     monkeypatch.setattr(folders, "DAY", -1.0)
     folders.remove_leftovers(tmp_path)
     assert not list(tmp_path.iterdir())
-
-
-def test_what_is_fresh_and_has_no_lock_stays(tmp_path: Path) -> None:
-    (tmp_path / f".index.html.{DEAD}-{machine_id()}.part").write_text("half")
-    folders.remove_leftovers(tmp_path)
-    assert len(list(tmp_path.iterdir())) == 1
-    folders.remove_leftovers(tmp_path / "nowhere")

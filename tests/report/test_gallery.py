@@ -263,18 +263,6 @@ def test_what_comes_from_outside_is_text(tmp_path: Path) -> None:
     assert page.data["clips"][0]["name"] == bad
 
 
-def test_a_single_file_holds_all(tmp_path: Path, capsys) -> None:
-    exhibit(tmp_path / "a")
-    shutil.copy(film(), tmp_path / "film.mp4")
-    page = tmp_path / "all.html"
-    assert main(["gallery", str(tmp_path / "a"), "--single-file", "-o", str(page), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told == {"index": str(page), "clips": 1, "failures": 0, "bytes": page.stat().st_size}
-    assert Page(page).paths() == ["held"]
-    assert not (tmp_path / "all.files").exists()
-    assert "data:image/webp;base64," in page.read_text()
-
-
 def test_a_page_that_is_somebody_else_s_is_kept(tmp_path: Path, capsys) -> None:
     exhibit(tmp_path / "a")
     (tmp_path / "index.html").write_text("mine")
