@@ -1,23 +1,37 @@
-"""Gather clips into a data set for training, with its card; a second run makes only what is missing or has changed."""
+"""Gather clips into a data set for training, with its card.
+
+The folder layout, which Hugging Face's `videofolder` loads; a second run makes only what is missing or has changed:
+
+    train/metadata.jsonl               a row per clip: file_name, caption, and other metadata
+    train/<key>/video.mp4              with clip.json, trajectory.npz and labels, a folder per format
+
+WebDataset shards, which are the same bytes every time:
+
+    train/shard-000000.tar             <key>.mp4 <key>.json <key>.txt <key>.trajectory.npz <key>.<format>.<file> ...
+"""
 
 from __future__ import annotations
 
+import io
 import json
 import shlex
+import shutil
+import tarfile
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from physgen import __version__
 from physgen.batch.clips import checked_folders, find_clips
-from physgen.batch.dataset_layouts import Folders, Layout, Shards
 from physgen.batch.dataset_samples import Sample, Splits, read_sample
-from physgen.files import resource, write_atomic
+from physgen.files import partial, resource, write_atomic
 from physgen.problems import InputError, Problem
+from physgen.report.folders import atomic_folder, remove_leftovers_once
 
 DATASET_FILE, CARD = "dataset.json", "README.md"
+ROWS, ABOUT = "metadata.jsonl", "clip.json"
 SIZES = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_000, "100K<n<1M"))
 """Size categories of the Hugging Face Hub."""
 
@@ -32,17 +46,12 @@ class DatasetOptions:
     formats: tuple[str, ...] = ()
     """Labels to include; empty: all that clips have."""
     shard_clips: int = 1000
-    shard_bytes: int = 1_000_000_000
-    link: bool = False
-    """In the folder layout, hard links where the disk allows."""
 
     def settings(self) -> dict[str, Any]:
         """What must not change from run to run."""
         settings: dict[str, Any] = {"dataset": 1, "layout": self.layout, "seed": self.splits.seed}
         settings |= {"splits": dict(self.splits.shares), "formats": list(self.formats)}
-        if self.layout == "webdataset":
-            settings |= {"shard_clips": self.shard_clips, "shard_bytes": self.shard_bytes}
-        return settings
+        return settings | ({"shard_clips": self.shard_clips} if self.layout == "webdataset" else {})
 
 
 @dataclass
@@ -82,17 +91,152 @@ class DatasetSummary:
     left_out: int = 0
     """Clips that cannot be used."""
     strays: int = 0
-    """Clips that lie there and are not of this data set."""
-    stray: Path | None = None
-    """One of them."""
-    uneven: Path | None = None
-    """A clip whose files differ from those of the first one."""
-    silent: Path | None = None
-    """A clip without a caption."""
+    """Folders of clips that lie there and are not of this data set."""
     lacking: Mapping[str, int] = field(default_factory=dict)
     """Requested formats -> number of clips that lack them."""
     files: Sequence[Path] = ()
     """Those that readers open, the card first."""
+
+
+class Folders:
+    """The folder layout. Only complete files appear."""
+
+    def __init__(self, root: Path) -> None:
+        self._root = root
+        self._rows: dict[str, TextIO] = {}
+        self._keys: dict[str, set[str]] = {}
+        self.made = self.kept = 0
+        """Samples that were written, and that were there unchanged."""
+
+    def add(self, sample: Sample) -> None:
+        """Writes the sample's folder, unless it is there unchanged, and its row."""
+        home = self._root / sample.split / sample.key
+        if _folder_digest(home) == sample.digest:
+            self.kept += 1
+        else:
+            with atomic_folder(home) as folder:
+                for member in sample.members:
+                    place = folder / member.name
+                    place.parent.mkdir(parents=True, exist_ok=True)
+                    shutil.copyfile(sample.folder / member.file, place)
+                (folder / ABOUT).write_bytes(_json_line({**sample.about, "digest": sample.digest}))
+            self.made += 1
+        if sample.split not in self._rows:
+            path = partial(self._root / sample.split / ROWS)
+            self._rows[sample.split] = path.open("w", encoding="utf-8")
+        row = {"file_name": f"{sample.key}/{sample.members[0].name}", **sample.about}
+        self._rows[sample.split].write(_json_line(row).decode())
+        self._keys.setdefault(sample.split, set()).add(sample.key)
+
+    def close(self, *, complete: bool) -> list[Path]:
+        """Publishes the rows, or removes unfinished ones; returns the files that readers open."""
+        made = []
+        for split, rows in self._rows.items():
+            rows.close()
+            path = self._root / split / ROWS
+            if complete:
+                made.append(partial(path).replace(path))
+            else:
+                partial(path).unlink(missing_ok=True)
+        if complete:
+            _remove_others(self._root.glob(f"*/{ROWS}"), made)
+        return sorted(made)
+
+    def strays(self) -> int:
+        """Folders of clips of earlier runs: they are not removed, as they may be wanted."""
+        return sum(
+            path.is_dir() and path.name[0] != "." and path.name not in keys
+            for split, keys in self._keys.items()
+            for path in (self._root / split).iterdir()
+        )
+
+
+def _folder_digest(home: Path) -> str | None:
+    """Of the sample in a folder."""
+    try:
+        return str(json.loads((home / ABOUT).read_bytes())["digest"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+class Shards:
+    """WebDataset shards; those of an earlier run are written again."""
+
+    kept = 0
+
+    def __init__(self, root: Path, most_clips: int) -> None:
+        self._root, self._most_clips = root, most_clips
+        self._open: dict[str, tarfile.TarFile] = {}
+        """The unfinished shard of each split."""
+        self._counts: Counter[str] = Counter()
+        """Samples of each split."""
+        self.made = 0
+
+    def add(self, sample: Sample) -> None:
+        """Adds the sample to the last shard of its split."""
+        split = sample.split
+        path = self._path(split, self._counts[split] // self._most_clips)
+        if split not in self._open:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            remove_leftovers_once(path.parent)
+            self._open[split] = tarfile.open(partial(path), "w", format=tarfile.PAX_FORMAT)  # noqa: SIM115
+        for name, source in _entries(sample):
+            with io.BytesIO(source) if isinstance(source, bytes) else source.open("rb") as file:
+                header = tarfile.TarInfo(name)  # without time and owner
+                header.size = file.seek(0, io.SEEK_END)
+                file.seek(0)
+                self._open[split].addfile(header, file)
+        self.made += 1
+        self._counts[split] += 1
+        if self._counts[split] % self._most_clips == 0:
+            self._finish(split, path)
+
+    def _path(self, split: str, number: int) -> Path:
+        return self._root / split / f"shard-{number:06d}.tar"
+
+    def _finish(self, split: str, path: Path) -> None:
+        self._open.pop(split).close()
+        partial(path).replace(path)
+
+    def close(self, *, complete: bool) -> list[Path]:
+        """Publishes the last shards; returns all."""
+        paths = []
+        for split, count in self._counts.items():
+            number = -(-count // self._most_clips)
+            last = self._path(split, number - 1)
+            if split in self._open and complete:
+                self._finish(split, last)
+            paths += [self._path(split, k) for k in range(number)]
+        for tar in self._open.values():
+            tar.close()
+            Path(str(tar.name)).unlink(missing_ok=True)
+        if complete:
+            _remove_others(self._root.glob("*/shard-*.tar"), paths)
+        return sorted(paths)
+
+    def strays(self) -> int:
+        """None: they were removed."""
+        return 0
+
+
+def _remove_others(paths: Iterable[Path], ours: Sequence[Path]) -> None:
+    """Removes files of an earlier run that this one did not write."""
+    for path in [path for path in paths if path not in ours]:
+        path.unlink()
+
+
+def _entries(sample: Sample) -> Iterator[tuple[str, bytes | Path]]:
+    """Name and content; those that most readers use come first."""
+    video, *others = sample.members
+    yield f"{sample.key}.mp4", sample.folder / video.file
+    yield f"{sample.key}.json", _json_line(sample.about)
+    yield f"{sample.key}.txt", sample.caption.encode()
+    for member in others:
+        yield f"{sample.key}.{member.name.replace('/', '.')}", sample.folder / member.file
+
+
+def _json_line(data: Mapping[str, Any]) -> bytes:
+    return (json.dumps(data, ensure_ascii=False, allow_nan=False) + "\n").encode()
 
 
 def gather(
@@ -111,42 +255,30 @@ def gather(
     _check_output(out, options, roots)
     summary = DatasetSummary({name: Count() for name in options.splits.names})
     formats: Counter[str] = Counter()
-    names, splits = None, options.splits.names
-    layout: Layout = (
-        Folders(out, splits, options.link)
-        if options.layout == "folder"
-        else Shards(out, splits, options.shard_clips, options.shard_bytes)
-    )
+    layout = Folders(out) if options.layout == "folder" else Shards(out, options.shard_clips)
+    total = 0
     try:
-        for number, sample in enumerate(_samples(roots, options, summary, warn), 1):
-            if names is None:
+        for total, sample in enumerate(_samples(roots, options, summary, warn), 1):
+            if total == 1:
                 out.mkdir(parents=True, exist_ok=True)
                 write_atomic(out / DATASET_FILE, _json(options.settings()))
             layout.add(sample)
             summary.counts[sample.split].add(sample)
             formats.update(sample.about["labels"])
-            own_names = frozenset(member.name for member in sample.members)
-            names = names or own_names
-            if own_names != names:
-                summary.uneven = summary.uneven or sample.folder
-            if not sample.caption:
-                summary.silent = summary.silent or sample.folder
-            progress(number)
-        if names is None:
+            progress(total)
+        if not total:
             fix = "name folders that physgen rendered or exported into"
             found = "holds no clip that can be used"
             raise InputError.of(", ".join(map(str, roots)), "", found, fix)
-        files = layout.close()
     except BaseException:
-        layout.abort()
+        layout.close(complete=False)
         raise
+    files = layout.close(complete=True)
     write_atomic(out / CARD, _card(options, summary, sorted(formats), command, files).encode())
     counts = {name: count.as_dict() for name, count in summary.counts.items()}
-    content = {**options.settings(), "physgen": __version__, "counts": counts}
-    write_atomic(out / DATASET_FILE, _json(content))
-    summary.strays, summary.stray = layout.strays()
+    write_atomic(out / DATASET_FILE, _json({**options.settings(), "physgen": __version__, "counts": counts}))
+    summary.strays = layout.strays()
     summary.made, summary.kept = layout.made, layout.kept
-    total = layout.made + layout.kept
     summary.lacking = {name: total - formats[name] for name in options.formats if formats[name] < total}
     summary.files = [out / CARD, *files]
     return summary
@@ -181,11 +313,10 @@ def _check_output(out: Path, options: DatasetOptions, roots: Sequence[Path]) -> 
     for root in roots:
         mine, read = out.resolve(), root.resolve()
         if mine.is_relative_to(read) or read.is_relative_to(mine):
-            found = (
-                f"lies in {root}, which is read" if read in mine.parents else f"holds {root}, which is read"
+            place = "holds" if mine in read.parents else "lies in"
+            raise InputError.of(
+                str(out), "", f"{place} {root}, which is read", "name a folder beside it with -o"
             )
-            found = "is read itself" if mine == read else found
-            raise InputError.of(str(out), "", found, "name a folder beside it with -o")
     if not out.exists() or not any(out.iterdir()):
         return
     try:
@@ -220,7 +351,6 @@ def _card(
     template = jinja2.Template(text, undefined=jinja2.StrictUndefined, keep_trailing_newline=True)
     card: str = template.render(
         layout=options.layout,
-        uneven=summary.uneven is not None,
         counts=summary.counts,
         splits=options.splits,
         formats=formats,

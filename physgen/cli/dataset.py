@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import argparse
 import json
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from physgen.cli.arguments import WRONG_INPUT, Command, Parser, labels, number_of_clips, seed
 from physgen.cli.output import OK, print_error, print_line, print_problem
-from physgen.problems import InputError, Place, Problem, Severity
+from physgen.problems import Place, Problem, Severity
 
 if TYPE_CHECKING:
     from physgen.batch.dataset import DatasetSummary
@@ -27,17 +26,9 @@ def dataset(options: argparse.Namespace) -> int:
     from physgen.batch.dataset_samples import read_splits
     from physgen.export.formats import check_names
 
-    if options.link and options.layout != "folder":
-        raise InputError.of("--link", "", "is of no use in shards", "leave it out, or take --layout folder")
     check_names(options.format)
-    chosen = DatasetOptions(
-        options.layout,
-        read_splits(options.split, options.seed),
-        options.format,
-        options.shard_clips,
-        options.shard_size,
-        options.link,
-    )
+    splits = read_splits(options.split, options.seed)
+    chosen = DatasetOptions(options.layout, splits, options.format, options.shard_clips)
     warnings = 0
 
     def warn(problem: Problem) -> None:
@@ -77,15 +68,11 @@ def _odd(done: DatasetSummary, options: argparse.Namespace) -> None:
 
     silent = sum(count.clips - count.captions for count in done.counts.values())
     if silent:
-        which = "" if done.silent is None else f", e.g. {done.silent}"
-        odd(f"has {_clips(silent)} without a caption{which}", "render or export them with the format events")
+        odd(f"has {_clips(silent)} without a caption", "render or export them with the format events")
     total = done.made + done.kept
     for name, count in done.lacking.items():
         what = f"no clip has {name}" if count == total else f"{_clips(count)} of {total:,} have no {name}"
         odd(what, f"render or export them with {name}, or leave it out of --format")
-    if done.uneven is not None and options.layout == "webdataset":
-        what = f"holds clips with different files, e.g. {done.uneven}: Hugging Face's loader makes no columns of them"
-        odd(what, "choose what all have with --format, or read the shards with webdataset")
     empty = [name for name, count in done.counts.items() if not count.clips]
     if empty:
         photos = sum(len(count.photos) for count in done.counts.values())
@@ -94,31 +81,12 @@ def _odd(done: DatasetSummary, options: argparse.Namespace) -> None:
         odd(f"has no clip in {', '.join(empty)}: {there}", fix)
     if done.strays:
         folders = "1 folder" if done.strays == 1 else f"{done.strays:,} folders"
-        which = "" if done.stray is None else f", e.g. {done.stray}"
-        odd(
-            f"holds {folders} of clips that are not named here{which}", "remove them, or name their clips too"
-        )
+        fix = "remove them, or name their clips too"
+        odd(f"holds {folders} of clips that are not named here", fix)
 
 
 def _clips(count: int) -> str:
     return "1 clip" if count == 1 else f"{count:,} clips"
-
-
-_BYTES = re.compile(r"(\d{1,15}(?:\.\d{1,3})?) ?([kMGT]?)B?", re.IGNORECASE)
-_FACTORS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
-
-
-def size(text: str) -> int:
-    """`500MB` -> bytes.
-
-    >>> size("500MB"), size("1.5g"), size("65536")
-    (500000000, 1500000000, 65536)
-    """
-    found = _BYTES.fullmatch(text.strip())
-    value = float(found[1]) * _FACTORS[found[2].lower()] if found else 0
-    if not 65536 <= value <= 10**15:
-        raise argparse.ArgumentTypeError(f"{text} is not a size of 65536 bytes or more, e.g. 500MB")
-    return round(value)
 
 
 def add(parser: Parser) -> None:
@@ -136,8 +104,6 @@ def add(parser: Parser) -> None:
     parser.option("--split", "SHARES", str, about, shares)
     parser.option("--seed", "S", seed, "determines which photo is in which split; default: 0", 0)
     parser.option("--shard-clips", "N", number_of_clips, "clips in a shard, at most; default: 1000", 1000)
-    parser.option("--shard-size", "SIZE", size, "size of a shard, at most; default: 1GB", 10**9)
-    parser.flag("--link", "folder: hard links where the disk allows them, in place of copies")
     parser.flag("--json", "print a line of JSON")
 
 
