@@ -207,7 +207,7 @@ class RemoteFolder:
 
 def _is_safe(name: str) -> bool:
     """Whether a name stays within its folder and can be a file's everywhere."""
-    from physgen.scene.pack_format import fault_of
+    from physgen.scene.unpack import fault_of
 
     return fault_of(name) is None
 

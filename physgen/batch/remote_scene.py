@@ -17,7 +17,7 @@ from physgen.report.folders import process_folder
 from physgen.scene.document import MAX_BYTES, Node, children
 from physgen.scene.files import MAPS, MAX_EXTENDS, SUFFIXES, RefusedError, confined, read_scene, with_bases
 from physgen.scene.pack import pictures_named
-from physgen.scene.pack_format import MOST_PICTURE
+from physgen.scene.unpack import MAX_PICTURE
 
 _FETCHED: dict[tuple[str, tuple[str, ...]], Path] = {}
 """URL and overrides that name files -> local file of the scene."""
@@ -74,7 +74,7 @@ def _fetch(url: str, overrides: Sequence[str], folder: Path) -> Path:
     for key, named in pictures_named(root, overrides, root.source):
         path = _allowed_path(named, named.source.folder)
         for wanted in () if path is None else _pictures(key, path.relative_to(copies.root)):
-            copies.bring(wanted, MOST_PICTURE)
+            copies.bring(wanted, MAX_PICTURE)
     return file
 
 

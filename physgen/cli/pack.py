@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from physgen.cli.arguments import Command, Parser
-from physgen.cli.output import OK, print_backup, print_problem
+from physgen.cli.output import OK, print_backup
 from physgen.files import back_up, write_atomic
 from physgen.problems import InputError
 
@@ -14,16 +14,16 @@ from physgen.problems import InputError
 def pack(options: argparse.Namespace) -> int:
     from physgen.pipeline import output_name
     from physgen.scene.pack import pack_scene
-    from physgen.scene.pack_format import SUFFIX, is_ours
+    from physgen.scene.unpack import MAGIC, SUFFIX
 
     output = options.output
     if output is not None and (output.suffix != SUFFIX or output.is_dir()):
         raise InputError.of("-o", f'"{output}"', "is no name for a pack", f"end it in {SUFFIX}")
-    data = pack_scene(options.scene, (), options.allow_outside, print_problem)
+    data = pack_scene(options.scene)
     if output is None:
         output = Path(f"{output_name(options.scene, None)}{SUFFIX}")
     output.parent.mkdir(parents=True, exist_ok=True)
-    if not is_ours(output):
+    if output.is_file() and not output.read_bytes().startswith(MAGIC):
         back_up(output, print_backup)
     write_atomic(output, data)
     print(output)
@@ -31,8 +31,7 @@ def pack(options: argparse.Namespace) -> int:
 
 
 def unpack(options: argparse.Namespace) -> int:
-    from physgen.scene.pack_format import SUFFIX
-    from physgen.scene.unpack import read_pack, unpack_to, with_schema
+    from physgen.scene.unpack import SUFFIX, read_pack, unpack_to
 
     path = options.pack
     folder = options.output
@@ -40,7 +39,6 @@ def unpack(options: argparse.Namespace) -> int:
         raise InputError.of(str(path), "", f"does not end in {SUFFIX}", "name a folder for its files with -o")
     folder = Path(path.stem) if folder is None else folder
     scene = unpack_to(read_pack(path), folder, str(path))
-    with_schema(folder)
     print(scene)
     return OK
 
@@ -49,8 +47,6 @@ def add_pack(parser: Parser) -> None:
     parser.add_argument("scene", metavar="SCENE")
     about = "write the pack here, ending in .physgen; default: NAME.physgen in this folder"
     parser.option("-o --output", "FILE", Path, about)
-    about = "let the scene read files outside its folder; the pack includes them and does not need this flag"
-    parser.flag("--allow-outside", about)
 
 
 def add_unpack(parser: Parser) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 from physgen.files import Stamp, file_stamp
 from physgen.problems import name_folder
 from physgen.report.folders import process_folder
-from physgen.scene.pack_format import is_pack
+from physgen.scene.unpack import is_pack
 
 MAX_UNPACKED = 64
 """Packs that a process has unpacked at a time."""

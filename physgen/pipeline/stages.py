@@ -296,7 +296,7 @@ class Stages:
     ) -> Scene:
         """See `load`; messages name the file, or the pack, as `shown`."""
         from physgen.scene.load import Opened
-        from physgen.scene.pack_format import SUFFIX
+        from physgen.scene.unpack import SUFFIX
 
         packed = shown is not None and shown.endswith(SUFFIX)
         name = str(scene_file(path, shown if packed else None))

@@ -60,32 +60,6 @@ def test_a_file_that_is_no_pack_is_kept(lesson: Path, capsys: Capture) -> None:
     assert len(list(Path.cwd().iterdir())) == 2
 
 
-@pytest.mark.parametrize(
-    ("line", "after", "where"),
-    [
-        ("maps/scene-1.schema.json", None, "maps/scene-1.schema.json"),
-        ("../../schemas/scene-1.schema.json", "scene-1.schema.json", "scene-1.schema.json"),
-        ("/usr/share/scene-1.schema.json", "scene-1.schema.json", "scene-1.schema.json"),
-        ("maps/../scene.yaml.txt", "scene-1.schema.json", "scene-1.schema.json"),
-        ("https://example.org/scene-1.schema.json", None, None),
-    ],
-)
-def test_what_is_unpacked_has_the_schema_that_its_line_names(
-    line: str, after: str | None, where: str | None, lesson: Path, capsys: Capture
-) -> None:
-    said = "# yaml-language-server: $schema={}\n"
-    lesson.write_text(said.format(line) + SCENE)
-    main(["pack", str(lesson)])
-    assert main(["unpack", "lesson.physgen", "-o", "there"]) == 0
-    scene = Path("there/lesson/scene.yaml")
-    assert scene.read_text() == said.format(after or line) + SCENE
-    schemas = [path.relative_to(scene.parent).as_posix() for path in Path("there").rglob("*.json")]
-    assert schemas == ([] if where is None else [where])
-    if where is not None:
-        told = json.loads((scene.parent / where).read_text())
-        assert "objects" in told["properties"]
-
-
 def test_commands_take_a_pack_for_its_scene(lesson: Path, capsys: Capture) -> None:
     main(["pack", str(lesson)])
     capsys.readouterr()

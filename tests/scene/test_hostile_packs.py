@@ -154,7 +154,7 @@ CASES: dict[str, tuple[Callable[[], bytes], str]] = {
     "encrypted": (encrypted, 'x: "a/p.png" is encrypted; pack the scene again'),
     "method": (
         lambda: pack(("a/p.png", png()), how=zipfile.ZIP_BZIP2),
-        'x: "pack.json" is compressed in another way than a pack\'s files; pack the scene again, or zip it plainly',
+        'x: "pack.json" is compressed in another way than a pack\'s files; pack the scene again',
     ),
     "two names": (renamed, 'x: "a/pp.png" is damaged; pack the scene again'),
     "lies about its size": (shrunk, 'x: "a/p.png" is damaged; pack the scene again'),
@@ -199,20 +199,16 @@ CASES: dict[str, tuple[Callable[[], bytes], str]] = {
         'x: "scene.yaml" is no scene file in a folder of the pack, though pack.json says so; pack the scene again',
     ),
     "many": (
-        lambda: pack(*((f"a/{k}.png", b"") for k in range(10_001))),
-        f"x: 10,003 files are over the 10,000 of a pack; {OTHER}",
+        lambda: pack(*((f"a/{k}.png", b"") for k in range(2_001))),
+        f"x: 2,003 files are over the 2,000 of a pack; {OTHER}",
     ),
     "deep": (
-        lambda: pack((f"a/{'b/' * 31}p.png", png())),
-        f'x: "a/{"b/" * 17}b..." lies more than 32 folders deep; pack the scene again',
-    ),
-    "folders": (  # 400 files in 29 folders each, and one for all
-        lambda: pack(*((f"a/{k}/{'b/' * 28}p.png", png()) for k in range(400))),
-        'x: "a/344/b/b/b/b/b" is one folder more than the 10,000 of a pack; pack the scene again',
+        lambda: pack((f"a/{'b/' * 15}p.png", png())),
+        f'x: "a/{"b/" * 15}p.png" lies more than 16 folders deep; pack the scene again',
     ),
     "very many": (
-        lambda: pack(*((f"a/{k:0200}.png", b"") for k in range(10_001))),
-        f"x: lists more files than the 10,000 of a pack; {OTHER}",
+        lambda: pack(*((f"a/{k:0200}.png", b"") for k in range(2_001))),
+        f"x: lists more files than the 2,000 of a pack; {OTHER}",
     ),
 }
 
@@ -256,7 +252,7 @@ def test_only_what_begins_as_a_pack_is_read(tmp_path: Path) -> None:
 
 
 def test_names_are_judged_in_little_memory(tmp_path: Path) -> None:
-    data = pack(*((f"a/{k}/{'b/' * 180}p.png", b"") for k in range(2000)))
+    data = pack(*((f"a/{k}/{'b/' * 180}p.png", b"") for k in range(500)))
     tracemalloc.start()
     assert "folders deep" in (refusal(data, tmp_path / "new") or "")
     assert tracemalloc.get_traced_memory()[1] < 2**26
@@ -274,11 +270,11 @@ def test_all_files_together_and_each_picture_are_bounded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     data = pack(*((f"a/{k}.png", png() + b"\0" * 1000) for k in range(9)))
-    monkeypatch.setattr(reader, "MOST_WHOLE", 5000)
+    monkeypatch.setattr(reader, "MAX_TOTAL", 5000)
     with pytest.raises(InputError, match=r"^the pack: holds more than 0 GiB; "):
         unpack_to(data, tmp_path / "new")
-    monkeypatch.setattr(reader, "MOST_WHOLE", 2**30)
-    monkeypatch.setattr(reader, "MOST_PICTURE", 2**10)
+    monkeypatch.setattr(reader, "MAX_TOTAL", 2**30)
+    monkeypatch.setattr(reader, "MAX_PICTURE", 2**10)
     with pytest.raises(InputError, match=r'^the pack: "a/0.png" is larger than 1 kiB; '):
         unpack_to(data, tmp_path / "new")
     assert list(tmp_path.iterdir()) == []
@@ -288,7 +284,7 @@ def test_a_full_disk_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     def full(path: Path, member: str, name: str) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(reader, "_picture", full)
+    monkeypatch.setattr(reader, "_check_picture", full)
     with pytest.raises(OSError, match="No space left"):
         unpack_to(pack(("a/p.png", png())), tmp_path / "new")
     assert list(tmp_path.iterdir()) == []

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from physgen import pipeline
-from physgen.problems import InputError, Problem
+from physgen.problems import InputError
 from physgen.scene.pack import pack_scene
 from physgen.scene.unpack import unpack_to
 
@@ -140,83 +140,32 @@ def test_clips_of_the_file_the_pack_and_what_was_in_it_are_the_same(pool: Path, 
     assert sorted(p.name for p in (tmp_path / "out" / "1").iterdir()) == ["soft", "soft-far"]
 
 
-def test_what_lies_elsewhere_comes_along_with_leave(pool: Path, tmp_path: Path) -> None:
-    far = tmp_path / "far"
-    photo(far, "shot.png", seed=4)
-    shutil.move(pool.parent / "photo.assets", far / "maps")
-    text = SCENE.replace("photo.png ", "'../../far/shot.png' ").replace("photo.assets", str(far / "maps"))
-    pool.write_text(text)
-    with pytest.raises(InputError, match="leads out of the scene's folder"):
-        pack_scene(pool)
-    told: list[Problem] = []
-    data = pack_scene(pool, allow_outside=True, warn=told.append)
-    assert [str(problem) for problem in told] == [
-        f'{pool}:3:8: warning: "../../far/shot.png" lies where a pack has no place; '
-        'the pack has it as "elsewhere/1/shot.png", and says so there',
-        f"{pool}:4:9: warning: {json.dumps(str(far / 'maps')[:37] + '...')} lies where a pack has no place; "
-        'the pack has it as "elsewhere/2/maps", and says so there',
-    ]
-    scene = unpack_to(data, tmp_path / "here")
-    shown = text.replace("'../../far/shot.png'", '"elsewhere/1/shot.png"')
-    assert scene.read_text() == shown.replace(str(far / "maps"), '"elsewhere/2/maps"')
-    assert set(members(data)) == {
-        "pack.json",
-        "pool/scene.yaml",
-        "pool/elsewhere/1/shot.png",
-        "pool/elsewhere/2/maps/masks.png",
-    }
-    there = render(pool, tmp_path / "a", allow_outside=True)
-    assert there == render(scene, tmp_path / "b")
-
-
-def test_chains_links_and_ways_round(pool: Path, tmp_path: Path) -> None:
-    """A base outside the folder above, a photo behind a link, maps in the scene's own folder, a way round."""
-    base = tmp_path / "library" / "base" / "table.yaml"
-    photo(base.parent, "real.png", seed=4)
-    (base.parent / "photo.png").symlink_to("real.png")
-    maps(base.parent / "sub" / "maps")
-    base.write_text(SCENE.replace("assets: photo.assets", "assets: sub/../sub/maps"))
-    pool.write_text("physgen: 1\nextends: ../../library/base/table.yaml\nassets: .\n")
-    shutil.copy(base.parent / "sub" / "maps" / "masks.png", pool.parent)
-    told: list[Problem] = []
-    data = pack_scene(pool, allow_outside=True, warn=told.append)
-    assert len(told) == 1
-    assert set(members(data)) == {
-        "pack.json",
-        "pool/scene.yaml",
-        "pool/masks.png",
-        "pool/elsewhere/1/table.yaml",
-        "pool/elsewhere/1/photo.png",
-    }
+def test_links_are_followed_and_an_empty_folder_of_maps_comes_along(pool: Path, tmp_path: Path) -> None:
+    (pool.parent / "photo.png").rename(pool.parent / "real.png")
+    (pool.parent / "photo.png").symlink_to("real.png")
+    (pool.parent / "none").mkdir()
+    shape = "objects.ball.shape: {circle: {center: [20, 24], radius: 9}}, objects.ball.mask: null"
+    pool.write_text(SCENE + "variants:\n  bare: {assets: none, " + shape + "}\n")
+    data = pack_scene(pool)
+    assert {"pool/photo.png", "pool/none/", "pool/photo.assets/masks.png"} <= set(members(data))
     scene = unpack_to(data, tmp_path / "here")
     assert not any(path.is_symlink() for path in (tmp_path / "here").rglob("*"))
-    assert render(pool, tmp_path / "a", allow_outside=True) == render(scene, tmp_path / "b")
-    told.clear()
-    data = pack_scene(base, warn=told.append)
-    assert 'the pack has it as "elsewhere/1/maps"' in str(told[0])
-    assert render(base, tmp_path / "c") == render(unpack_to(data, tmp_path / "there too"), tmp_path / "d")
+    assert render(pool, tmp_path / "a") == render(scene, tmp_path / "b")
 
 
-def test_an_empty_folder_of_maps_and_files_that_flags_name(pool: Path, tmp_path: Path) -> None:
-    photo(pool.parent, "flag.png", seed=7)
-    (pool.parent / "none").mkdir()
-    shape = "objects.ball={shape: {circle: {center: [20, 24], radius: 9}}}"
-    data = pack_scene(pool, ["image=flag.png", "assets=none", shape])
-    assert {"pool/flag.png", "pool/none/", "pool/photo.png"} <= set(members(data))
-    scene = unpack_to(data, tmp_path / "here")
-    assert scene.read_text() == SCENE
-    assert (scene.parent / "none").is_dir()
-    pipeline.load(scene, ["image=flag.png", "assets=none", shape])
-    photo(tmp_path, "out.png")
+def test_what_no_pack_can_hold_is_refused(pool: Path, tmp_path: Path) -> None:
+    photo(tmp_path / "far", "shot.png", seed=4)
+    pool.write_text(SCENE.replace("photo.png ", "'../../far/shot.png' "))
     with pytest.raises(InputError) as caught:
-        pack_scene(pool, ["image=../../out.png"], allow_outside=True)
+        pack_scene(pool)
     assert str(caught.value) == (
-        '--set image=../../out.png: "../../out.png" lies outside the scene\'s folder, and a flag is not packed; '
-        "write it in the scene file"
+        f'{pool}:3:8: image: "../../far/shot.png" leads out of the scene\'s folder; '
+        "keep it below the scene's folder"
     )
-
-
-def test_what_no_pack_can_hold_is_refused(pool: Path) -> None:
+    pool.write_text(SCENE.replace("photo.png ", "photo.assets/../photo.png "))
+    with pytest.raises(InputError) as caught:
+        pack_scene(pool)
+    assert "leads round about; write the straight path" in str(caught.value)
     for name in ("a.png", "A.png"):
         photo(pool.parent, name)
     pool.write_text(SCENE + "variants:\n  a: {image: a.png}\n  b: {image: A.png}\n")
