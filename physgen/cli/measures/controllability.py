@@ -52,7 +52,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     from physgen import pipeline
-    from physgen.evaluate.controllability import findings, plots, sweep
+    from physgen.evaluate.controllability import findings, plot, sweep
     from physgen.evaluate.measure import check_folder
 
     check_folder(options.output, plots=True)
@@ -64,5 +64,5 @@ def run(options: argparse.Namespace) -> int:
     bar.clear()
     found = findings(swept)
     if options.output:
-        found = found.with_parts({found.sections[0].title: plots(swept)})
+        found = found.with_parts({found.sections[0].title: (plot(swept),)})
     return hand_over(found, options)
