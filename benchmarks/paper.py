@@ -32,8 +32,8 @@ Written by `python benchmarks/run.py properties` from `benchmarks/results/proper
 
     physgen evaluate properties                                        # 42 objects, and published comparisons
     physgen evaluate properties --backend physics=vlm -o out/vlm       # where a model is configured; see models.md
-    physgen evaluate properties mine.csv --save-answers answers.json   # a table of your own
-    physgen evaluate properties mine.csv --answers answers.json        # answers from a file; no backend is asked
+    physgen evaluate properties mine.yaml --save-answers answers.json  # a table of your own
+    physgen evaluate properties mine.yaml --answers answers.json       # answers from a file; no backend is asked
 
 The paper asks GPT-4V for mass, friction and elasticity and compares (appendix): masses of 20 objects, the order of 13
 pairs by friction and of 7 by elasticity. Here it is whoever fills the role `physics`: the material table below.
@@ -52,18 +52,20 @@ plastic to be solid, and a can of chips to be full of drink. A row of your own m
 label map): then they are shown. `--hide-size` gives the name alone. A model's answers are cached, so a
 second run asks nothing.
 
-**A table** is YAML, as the one that ships, or CSV:
+**A table** is YAML, as the one that ships:
 
-    name,label,form,size,mass,friction,elasticity,photo,mask
-    soup,can of tomato soup,turned,101x66,349,,,,
-    crate,wooden crate,box,600x400x300,,0.4,,crate.jpg,crate-mask.png
+    objects:
+      soup:  {label: can of tomato soup, form: turned, size: [101, 66], mass: 349}
+      crate: {label: wooden crate, form: box, size: [600, 400, 300], photo: crate.jpg, mask: crate-mask.png}
+    rankings:
+      friction:
+        - {about: on wood, source: my own, values: {soup: 0.3, crate: 0.4}}
 
-Sizes in mm: a ball's diameter; height x diameter of what is `turned`; three sides of a `box`. Mass in g. Where two rows
-have a friction or an elasticity, their order is compared; YAML may hold several `rankings`, each compared
-within itself.
+Sizes in mm: a ball's diameter; height and diameter of what is `turned`; three sides of a `box`. Mass in g. Of
+friction and elasticity only the order counts, each ranking within itself.
 
-**Answers** are JSON or CSV of `name, mass, friction, elasticity`; one that lacks an answer is refused,
-since a score over the answered ones alone would flatter.
+**Answers** are JSON, `{"answers": [{"name": "soup", "mass": 349, "friction": 0.3, "elasticity": 0.2}]}`; a file that
+lacks an answer is refused, since a score over the answered ones alone would flatter.
 """,
     "controllability": """\
 Written by `python benchmarks/run.py controllability` from `benchmarks/results/controllability.json`; do not edit.

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from physgen.evaluate.measure import Findings, Progress, Section, Table
+from physgen.evaluate.measure import Findings, Progress, Table
 from physgen.evaluate.objects import COEFFICIENTS, NUMBERS, Answer
-from physgen.evaluate.properties import Order, found_scale, masses, order
+from physgen.evaluate.properties import MASS, ORDER, Order, found_scale, mass_cells, masses, order
 from physgen.maps import read_labels
 from physgen.materials import kind as kind_of
 from physgen.perceive.perceive import fit_objects
@@ -97,20 +97,36 @@ def _kinds_of(file: Path, physics: Physics) -> list[Kind]:
 
 
 def with_studio(findings: Findings, kinds: Sequence[Kind]) -> Findings:
-    """With rows, a section and data of the studio's photos."""
+    """With rows, lines of its tables and data of the studio's photos."""
     rows = list(findings.rows)
+    lines: dict[str, list[tuple[str, ...]]] = {MASS: [], ORDER: []}
     for way, scale in (("scaled", "given"), ("found", "found")):
         score = masses([(one.true.mass or 0.0, getattr(one, way).mass) for one in kinds])
         assert score is not None
-        rows.append({"kind": "set", "set": f"studio's photos, scale {scale}", **score.as_dict()})
+        name = f"studio's photos, scale {scale}"
+        rows.append({"kind": "set", "set": name, **score.as_dict()})
+        lines[MASS].append(mass_cells(name, score))
     for of in COEFFICIENTS:
         found = _ordered(kinds, of)
         pairs = {"pairs": found.count, "right": found.right, "tied": found.tied}
         wrong = [list(pair) for pair in found.wrong]
         rows.append({"kind": of, "set": "studio's photos", "source": "", **pairs, "not_in_order": wrong})
-    sections = (*findings.sections, _kind_section(kinds))
+        shares = f"{found.right} of {found.count}", str(found.tied)
+        lines[ORDER].append((of, "studio's photos, within each", *shares, ""))
+    sections = tuple(
+        replace(one, parts=tuple(_longer(part, lines.get(one.title, [])) for part in one.parts))
+        for one in findings.sections
+    )
     more = {**findings.more, "studio": [_kind_row(one) for one in kinds]}
-    return replace(findings, rows=rows, sections=sections, more=more)
+    sentence = "On the studio's photos the true masks and labels are given; whoever made the scenes set what is true."
+    return replace(
+        findings, rows=rows, sections=sections, more=more, sentences=(*findings.sentences, sentence)
+    )
+
+
+def _longer(table: Table, lines: Sequence[tuple[str, ...]]) -> Table:
+    """With more lines above the paper's."""
+    return replace(table, rows=(*table.rows[:-1], *lines, *table.rows[-1:]))
 
 
 def _ordered(kinds: Sequence[Kind], of: str) -> Order:
@@ -123,22 +139,6 @@ def _ordered(kinds: Sequence[Kind], of: str) -> Order:
             {name: getattr(one.scaled, of) for name, one in here.items()},
         )
     return total
-
-
-def _kind_section(kinds: Sequence[Kind]) -> Section:
-    def three(grams: float | None) -> str:
-        return f"{grams or 0:.3g}" if (grams or 0) < 1000 else f"{grams:.0f}"
-
-    cells = tuple(
-        (
-            one.scene, one.label, str(one.count), f"{one.true.mass:g}", three(one.scaled.mass), three(one.found.mass),
-            f"{one.true.friction:g} / {one.scaled.friction:g}", f"{one.true.elasticity:g} / {one.scaled.elasticity:g}",
-        )
-        for one in kinds
-    )  # fmt: skip
-    heads = ("photo", "objects", "of them", "true, g", "scale given", "scale found", "friction", "elasticity")
-    note = "Masses where the photo's scale is given, and where it is not; friction and elasticity: true / answered."
-    return Section("The studio's photos", (), (Table(heads, cells, note=note),))
 
 
 def _kind_row(one: Kind) -> dict[str, Any]:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import json
-from base64 import b64decode
 from itertools import combinations
-from math import log, pi
+from math import pi
 from pathlib import Path
 
 import cv2
@@ -56,10 +55,6 @@ def test_masses_as_the_definitions_say() -> None:
     assert score is not None
     n = len(pairs)
     assert score.ade == pytest.approx(sum(abs(p - t) for t, p in pairs) / n)
-    assert score.alde == pytest.approx(sum(abs(log(p) - log(t)) for t, p in pairs) / n)
-    assert score.ape == pytest.approx(sum(abs(p - t) / t for t, p in pairs) / n)
-    assert score.mnre == pytest.approx(sum(min(p / t, t / p) for t, p in pairs) / n)
-    assert score.bias == pytest.approx(stats.gmean([p / t for t, p in pairs]))
     assert score.near == 2  # just 30 % off still counts, a little more does not
     assert masses([]) is None
 
@@ -131,13 +126,13 @@ def test_right_answers_are_right_and_turned_ones_are_not(
     answers = as_json(tmp_path / "a.json", RIGHT)
     assert main(["evaluate", "properties", str(table), "--answers", str(answers), "--json"]) == 0
     mass, friction = json.loads(capsys.readouterr().out)["rows"]
-    assert (mass["within_30"], mass["ade_g"], mass["mnre"]) == (2, 0, 1)
+    assert (mass["within_30"], mass["ade_g"]) == (2, 0)
     assert (friction["pairs"], friction["right"]) == (3, 3)
     turned = {"ball": Answer(4, 0.9), "cork": Answer(888, 0.1), "box": Answer(1, 0.2)}
     as_json(answers, turned)
     assert main(["evaluate", "properties", str(table), "--answers", str(answers), "--json"]) == 0
     mass, friction = json.loads(capsys.readouterr().out)["rows"]
-    assert (mass["within_30"], mass["mnre"]) == (0, pytest.approx(4 / 888))
+    assert (mass["within_30"], mass["ade_g"]) == (0, 884)
     assert friction["right"] == 0
 
 
@@ -151,7 +146,7 @@ def test_the_backend_answers_saves_and_is_scored_again(
     assert "The backend table gives 2 of 2 masses to within 30 %" in text
     assert "materials.yaml" in text  # what is independent is said
     first = json.loads((page / "result.json").read_text())
-    assert (page / "index.html").read_text().count("data:image/svg+xml") == 2
+    assert (page / "index.html").read_text().count("data:image/svg+xml") == 1
     assert main([*asked, "--answers", str(saved), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["rows"] == first["rows"]
 
@@ -174,18 +169,21 @@ def test_a_model_is_asked_one_by_one(
 @pytest.mark.parametrize(
     ("text", "wrong"),
     [
-        ("objects:\n  a: {mass: heavy}\n", r"t.yaml:2:13: objects.a.mass: \"?heavy\"? is not grams above 0"),
-        ("objects:\n  a: {mass: -3}\n", "is not grams above 0"),
-        ("objects:\n  a: {mas: 3}\n", "did you mean mass"),
-        ("objects:\n  a: {mass: 3, form: bal}\n", "is no form; did you mean ball"),
+        ("objects:\n  a: {mass: heavy}\n", "t.yaml:2:13: objects.a.mass: 'heavy' is not of type 'number'"),
+        ("objects:\n  a: {mass: -3}\n", "objects.a.mass: -3 is less than or equal to the minimum of 0"),
+        ("objects:\n  a: {mas: 3}\n", "'mas' was unexpected"),
+        ("objects:\n  a: {mass: 3, form: bal}\n", "'bal' is not one of"),
         ("objects:\n  a: {mass: 3, form: turned, size: [1]}\n", "is not 2 lengths in mm"),
-        ("objects:\n  a: {mass: 3, photo: x.png}\n", "stands without a mask"),
+        ("objects:\n  a: {mass: 3, photo: x.png}\n", "has a photo or a mask alone"),
         ("objects:\n  a: {label: apple}\n", "has nothing to compare answers with"),
         ("objects: {}\n", "has nothing to compare answers with"),
         ("objects:\n  a: {mass: 1}\nrankings: {friction: [{values: {a: 1, b: 2}}]}\n", '"b" is no object'),
-        ("objects:\n  a: {mass: 1}\nrankings: {friction: [{values: {a: 1}}]}\n", "compares nothing"),
-        ("objects:\n  a: {mass: 1}\nrankings: {colour: []}\n", "is not asked"),
-        ("nouns: {}\n", "means nothing here"),
+        (
+            "objects:\n  a: {mass: 1}\nrankings: {friction: [{values: {a: 1}}]}\n",
+            "does not have enough properties",
+        ),
+        ("objects:\n  a: {mass: 1}\nrankings: {colour: []}\n", "'colour' was unexpected"),
+        ("nouns: {}\n", "'objects' is a required property"),
     ],
 )
 def test_faults_of_a_table(tmp_path: Path, text: str, wrong: str) -> None:
@@ -193,59 +191,21 @@ def test_faults_of_a_table(tmp_path: Path, text: str, wrong: str) -> None:
         read_table(written(tmp_path / "t.yaml", text))
 
 
-def test_a_table_as_csv(tmp_path: Path) -> None:
-    text = "name,label,form,size,mass,friction\na,steel ball,ball,60,888,0.3\nb,,box,30x20x10,,0.5\n"
-    table = read_table(written(tmp_path / "t.csv", text))
-    assert table.items[0] == Item("a", "steel ball", Form.BALL, (60.0,), 888.0)
-    assert table.items[1].label == "b"
-    assert dict(table.rankings[0].values) == {"a": 0.3, "b": 0.5}
-    with pytest.raises(InputError, match=r"(?s)t.csv:2:1: .*not grams.*t.csv:3:1: .*two objects"):
-        read_table(written(tmp_path / "t.csv", "name,mass\na,nan\na,3\n"))
-    with pytest.raises(InputError, match="no column name"):
-        read_table(written(tmp_path / "t.csv", "mass\n3\n"))
-    with pytest.raises(InputError, match=r"t.csv:2:1: objects.a: .*p.png.* stands in no column"):
-        read_table(written(tmp_path / "t.csv", "name,mass\na,3,p.png\n"))
-
-
-def test_a_table_without_sizes_does_not_say_that_they_are_told(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for rows, words in (
-        ("a,apple,,100\n", "its size is not given"),
-        ("a,apple,70x60x60,100\nb,pear,,90\n", "given by the scale of the 1 that have one in the table"),
-        ("a,apple,70x60x60,100\n", "its size is given by the scale."),
-    ):
-        table = written(tmp_path / "t.csv", f"name,label,size,mass\n{rows}")
-        assert main(["evaluate", "properties", str(table)]) == 0
-        assert words in " ".join(capsys.readouterr().out.split())
-
-
-def test_masses_near_each_other_have_plain_numbers_on_their_axes(tmp_path: Path) -> None:
-    table = written(tmp_path / "t.csv", "name,label,size,mass\na,apple,70x60x60,180\nb,pear,90x60x60,210\n")
-    assert main(["evaluate", "properties", str(table), "-o", str(tmp_path / "page")]) == 0
-    page = (tmp_path / "page" / "index.html").read_text()
-    plot = b64decode(page.partition("data:image/svg+xml;base64,")[2].partition('"')[0]).decode()
-    assert "mathdefault" not in plot
-
-
 @pytest.mark.parametrize(
-    ("name", "text", "wrong"),
+    ("rows", "wrong"),
     [
-        ("a.json", "{", "is not JSON"),
-        ("a.json", "[3]", "is no answer"),
-        ("a.json", '{"ball": {"mass": 1}, "bull": {"mass": 1}}', "bull.* is no object.*did you mean ball"),
-        ("a.json", '{"ball": {"mass": 1, "friction": 1}}', r"mass of cork is missing \(1 of 2\)"),
-        ("a.json", '{"ball": {"mass": NaN}}', "is not grams above 0"),
-        ("a.json", '{"ball": {"mass": 1e999}}', "is not grams above 0"),
-        ("a.csv", "name,mass\nball,0\n", "a.csv:2:1: ball.mass: .*is not grams above 0"),
-        ("a.csv", "mass\n1\n", "no column name"),
-        ("a.csv", "name,mass\nball,3\nball,4\n", "answered twice"),
+        ("{", "a.json:2:1: not YAML"),
+        ("[3]", "answers\\[0\\]: 3 is not of type 'object'"),
+        ('[{"name": "ball", "mass": 1}, {"name": "bull"}]', "bull.* is no object.*did you mean ball"),
+        ('[{"name": "ball", "mass": 1, "friction": 1}]', r"mass of cork is missing \(1 of 2\)"),
+        ('[{"name": "ball", "mass": NaN}]', "answers\\[0\\].mass: 'NaN' is not valid"),
+        ('[{"name": "ball"}, {"name": "ball"}]', "answered twice"),
     ],
 )
-def test_faults_of_answers(tmp_path: Path, name: str, text: str, wrong: str) -> None:
+def test_faults_of_answers(tmp_path: Path, rows: str, wrong: str) -> None:
     table = read_table(written(tmp_path / "t.yaml"))
     with pytest.raises(InputError, match=wrong):
-        read_answers(written(tmp_path / name, text), table)
+        read_answers(written(tmp_path / "a.json", f'{{"answers": {rows}}}'), table)
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         metavar="TABLE",
         nargs="?",
         type=Path,
-        help="objects with what is true of them, YAML or CSV; default: 42 of the YCB set, and published comparisons",
+        help="objects with what is true of them, in YAML; default: 42 of the YCB set, and published comparisons",
     )
     parser.add_argument(
         "--backend", metavar="ROLE=NAME", action="append", default=[], help="what answers: physics=NAME"
@@ -29,7 +29,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         "--answers",
         metavar="FILE",
         type=Path,
-        help="score these answers, JSON or CSV of name, mass, friction, elasticity; no backend is asked",
+        help="score these answers, JSON as --save-answers writes it; no backend is asked",
     )
     parser.add_argument(
         "--save-answers", metavar="FILE", type=Path, help="write what is answered, as --answers takes it"
