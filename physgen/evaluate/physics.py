@@ -11,8 +11,7 @@ import signal
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from enum import Enum
 from functools import cache
@@ -24,7 +23,7 @@ from typing import Any, NamedTuple
 from physgen import pipeline
 from physgen.compile.world import World
 from physgen.evaluate.measure import Bar, Findings, Section, Table
-from physgen.files import write_with_backup
+from physgen.files import write_atomic
 from physgen.problems import InputError
 from physgen.scene.write import scene_text
 from physgen.simulate.trajectory import Trajectory
@@ -35,9 +34,6 @@ Errors = Mapping[str, float]
 """Name of a measure -> error, in the measure's unit."""
 Simulate = Callable[[World, float], Trajectory]
 """World and sampling rate (1/s) -> motion from t = 0 to the world's end."""
-
-Keep = Callable[[Path], None]
-"""Called with files that are set aside."""
 
 ROWS = Path(__file__).resolve().parents[2] / "benchmarks" / "physics"
 """Default package of rows; only a checkout of the repository has it."""
@@ -154,10 +150,10 @@ def scene_of(row: Row, case: Case) -> str:
     return scene_text(case.scene, header=header)
 
 
-def write_scenes(row: Row, index: int, folder: Path, kept: Keep = lambda path: None) -> None:
-    """Scene files of one draw; `kept` is called with files that are set aside."""
+def write_scenes(row: Row, index: int, folder: Path) -> None:
+    """Scene files of one draw."""
     for case in row.draw(index):
-        write_with_backup(folder / scene_file(row, case, index), scene_of(row, case).encode(), kept)
+        write_atomic(folder / scene_file(row, case, index), scene_of(row, case).encode())
 
 
 @dataclass(frozen=True)
@@ -211,8 +207,7 @@ def run_draw(
     return Done(found, tuple(problems))
 
 
-@dataclass(frozen=True)
-class _Job:
+class _Job(NamedTuple):
     rows: Path
     row: int
     draw: int
@@ -233,55 +228,37 @@ def evaluate(
     workers: int = 1,
     keep: Path | None = None,
     progress: pipeline.Progress = pipeline.silent,
-    kept: Keep = lambda path: None,
 ) -> list[dict[str, Any]]:
     """One record a row, as JSON has it; the same for any number of workers.
 
     `source` is where workers load the rows from. `steps` are those of the convergence columns, none to leave them out.
-    With `keep`, the scene files stay in that folder; `kept` is called with files that are set aside.
+    With `keep`, the scene files stay in that folder.
     """
-    with _folder(keep) as folder:
+    if keep is not None and keep.exists() and not keep.is_dir():
+        raise InputError.of(str(keep), "", "is a file", "name a folder with -o")
+    with tempfile.TemporaryDirectory(prefix="physgen-") as scratch:
+        folder = keep or Path(scratch)
+        folder.mkdir(parents=True, exist_ok=True)
         jobs = []
         for row in rows:
             for index in range(draws):
-                write_scenes(row, index, folder, kept)
+                write_scenes(row, index, folder)
                 jobs.append(_Job(source, row.number, index, None, folder))
             jobs += [_Job(source, row.number, 0, rate, folder) for rate in steps if rate != DEFAULT_STEPS]
-        done = dict(_run_all(jobs, workers, progress))
-    results = {(job.row, job.draw, job.steps): result for job, result in done.items()}
-    return [
-        record(
-            row, draws, steps, {key[1:]: result for key, result in results.items() if key[0] == row.number}
-        )
-        for row in rows
-    ]
-
-
-@contextmanager
-def _folder(keep: Path | None) -> Iterator[Path]:
-    if keep is None:
-        with tempfile.TemporaryDirectory(prefix="physgen-") as folder:
-            yield Path(folder)
-        return
-    if keep.exists() and not keep.is_dir():
-        raise InputError.of(str(keep), "", "is a file", "name a folder with -o")
-    keep.mkdir(parents=True, exist_ok=True)
-    yield keep
-
-
-def _run_all(jobs: Sequence[_Job], workers: int, progress: pipeline.Progress) -> Iterator[tuple[_Job, Done]]:
-    if workers <= 1 or len(jobs) <= 1:
-        for count, job in enumerate(jobs, 1):
-            yield job, _run(job)
+        done: dict[int, dict[tuple[int, int | None], Done]] = {row.number: {} for row in rows}
+        for count, (job, found) in enumerate(zip(jobs, _run_all(jobs, workers), strict=True), 1):
+            done[job.row][job.draw, job.steps] = found
             progress("evaluate", count, len(jobs))
+    return [record(row, draws, steps, done[row.number]) for row in rows]
+
+
+def _run_all(jobs: Sequence[_Job], workers: int) -> Iterator[Done]:
+    if workers <= 1 or len(jobs) <= 1:
+        yield from map(_run, jobs)
         return
-    pool = ProcessPoolExecutor(min(workers, len(jobs)), get_context("spawn"), _ignore_interrupts)
-    with pool:
+    with ProcessPoolExecutor(min(workers, len(jobs)), get_context("spawn"), _ignore_interrupts) as pool:
         try:
-            futures = {pool.submit(_run, job): job for job in jobs}
-            for count, future in enumerate(as_completed(futures), 1):
-                yield futures[future], future.result()
-                progress("evaluate", count, len(jobs))
+            yield from pool.map(_run, jobs)
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
@@ -340,13 +317,7 @@ def _rounded(error: float) -> float | None:
 
 def bar_text(measure: Measure) -> str:
     """A bar with its unit."""
-    match measure.unit:
-        case Unit.PART:
-            return f"{measure.bar * 100:g} %"
-        case Unit.SWITCH:
-            return "as stated"
-        case _:
-            return f"{measure.bar:g} {measure.unit.value}"
+    return "as stated" if measure.unit is Unit.SWITCH else quantity(measure.bar, measure.unit.value)
 
 
 def quantity(value: float | None, unit: str) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from physgen.cli.arguments import count, rows
 from physgen.cli.measures.output import add_output, show
-from physgen.cli.output import Bar, print_backup
+from physgen.cli.output import Bar
 
 ABOUT = "Motion against closed forms."
 EXAMPLE = "physics --rows 1,5,12"
@@ -53,7 +53,6 @@ def run(options: argparse.Namespace) -> int:
         options.jobs or os.cpu_count() or 1,
         options.output,
         bar.show,
-        print_backup,
     )
     bar.clear()
     return show(physics.findings(found), options)
