@@ -40,6 +40,7 @@ import cv2
 import editor as editing
 import fid_page
 import numpy as np
+from ablations import ablations
 from batch import batch
 from cluster import cluster
 from dataset_shards import datasets
@@ -202,7 +203,7 @@ def check(folder: Path) -> list[dict]:
 
 def frames_against_truth(folder: Path) -> list[dict]:
     """Frames against the studio's truth videos, ours and the paper's way, each scene and way."""
-    return fidelity.evaluate(ROOT / "studio/truth")["rows"]
+    return fidelity.evaluate(ROOT / "studio/truth", ways=ablations)["rows"]
 
 
 def shadows(folder: Path) -> list[dict]:

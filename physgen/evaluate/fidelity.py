@@ -1,8 +1,8 @@
 """Frames against truth: the studio's true poses replayed, by physgen and by the paper's compositing.
 
 Truth videos (`studio/truth/NAME/film`) hold poses and what a path tracer sees at them. The headline uses the maps that
-`perceive` makes of the photo, given the true masks. Beside it stand the same with the true maps, ours with parts taken
-away, and the paper's way: objects cut out hard and pasted over the true background, without and with its relighting.
+`perceive` makes of the photo, given the true masks. Beside it stand the same with the true maps, and the paper's way:
+objects cut out hard, relit, and pasted over the true background.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from physgen import pipeline
 from physgen.compile.compile import Compiled
-from physgen.evaluate.measure import Bar, Figure, Findings, Progress, Section, Table, number, photo, plotted
+from physgen.evaluate.measure import Bar, Figure, Findings, Progress, Section, Table, number, photo
 from physgen.geometry.polygon import rotation
 from physgen.maps import Percepts
 from physgen.perceive.perceive import perceive
@@ -30,11 +30,6 @@ from physgen.problems import InputError
 from physgen.scene.scene import Light, Scene, Settings, Solid
 from physgen.simulate.engine import simulate
 from physgen.simulate.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from physgen.report.plots.style import Palette
 
 U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
@@ -160,24 +155,26 @@ def paper(truth: Truth, background: U8, light: DistantLight | None) -> Iterator[
         yield canvas
 
 
-def ways(truth: Truth) -> dict[str, Callable[[], Iterator[U8]]]:
-    """Every way to draw the video, by name; the first is the headline."""
-    scene, maps = truth.scene, truth.maps
-    assert scene.light is not None
-    light = DistantLight(scene.light.direction, scene.light.intensity, scene.light.ambient)
-    assert maps.background is not None
-    assert maps.clean is not None
-    dull, flat = replace(scene.render, relight=False), replace(scene.render, shadows=False)
-    shadowed, clean = maps.background, maps.clean
+Ways = Mapping[str, Callable[[], Iterator[U8]]]
+"""Ways to draw a video, by name."""
+
+
+def ways(truth: Truth) -> Ways:
+    """The headline, the same with true maps, and the paper's."""
+    background = truth.maps.background
+    assert background is not None
     return {
         "ours": lambda: ours(truth, *seen(truth)),
-        "ours, true maps": lambda: ours(truth, scene, maps),
-        "ours, true maps, no relighting": lambda: ours(truth, replace(scene, render=dull), maps),
-        "ours, true maps, no shadows": lambda: ours(truth, replace(scene, render=flat), maps),
-        "paper": lambda: paper(truth, shadowed, None),
-        "paper, relit": lambda: paper(truth, shadowed, light),
-        "paper, relit, no old shadows": lambda: paper(truth, clean, light),
+        "ours, true maps": lambda: ours(truth, truth.scene, truth.maps),
+        "paper, relit": lambda: paper(truth, background, true_light(truth)),
     }
+
+
+def true_light(truth: Truth) -> DistantLight:
+    """The light of the path tracer's scene."""
+    light = truth.scene.light
+    assert light is not None
+    return DistantLight(light.direction, light.intensity, light.ambient)
 
 
 def psnr(error: NDArray[np.float64], where: Mask) -> float | None:
@@ -227,7 +224,12 @@ def compared(truth: Truth, frames: Iterator[U8]) -> dict[str, float | None]:
     return result
 
 
-def evaluate(folder: Path, names: Sequence[str] = (), progress: Progress = lambda *_: None) -> dict[str, Any]:
+def evaluate(
+    folder: Path,
+    names: Sequence[str] = (),
+    progress: Progress = lambda *_: None,
+    ways: Callable[[Truth], Ways] = ways,
+) -> dict[str, Any]:
     """Every way on every truth video below `folder`; means over the scenes of each half of the split."""
     films = truths(folder, names)
     file = folder / "../split.json"
@@ -266,10 +268,10 @@ def means(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 # ---- report ------------------------------------------------------------------------------------------------------
 
-SHOWN_WAYS = ("ours", "ours, true maps", "paper, relit", "paper, relit, no old shadows")
-"""Of the table and the plot scene by scene."""
-STRIP_WAYS, COLUMNS, GAP = ("paper, relit", "ours"), 4, 4
-"""Rows of a strip above the truth, its frames in a row, and px between pictures."""
+SHOWN_WAYS = ("ours", "ours, true maps", "paper, relit")
+"""Of the table scene by scene."""
+STRIP_WAYS, COLUMNS = ("paper, relit", "ours"), 4
+"""Rows of a strip above the truth, and frames in a row."""
 
 
 def findings(result: Mapping[str, Any]) -> Findings:
@@ -310,46 +312,13 @@ def _cell(row: Mapping[str, Any], key: str) -> str:
     return number(row.get(key), ".3f" if key.startswith("ssim") else ".2f")
 
 
-def plot(rows: Sequence[Mapping[str, Any]]) -> Figure:
-    """PSNR of each way over objects and shadows together, scene by scene."""
-    scenes = _by_scene(rows)
-    height = 28 + 8 * len(scenes)
-
-    def draw(axes: Axes, palette: Palette) -> None:
-        colours = (palette.blue, palette.green, palette.orange, palette.soft)
-        for way, colour, mark in zip(SHOWN_WAYS, colours, "os^v", strict=True):
-            values = [mine[way]["psnr_both"] if way in mine else None for mine in scenes.values()]
-            at = [(value, k) for k, value in enumerate(values) if value is not None]
-            x, y = zip(*at, strict=True) if at else ((), ())
-            axes.plot(x, y, mark, color=colour, markersize=4, label=way)
-        axes.set_yticks(range(len(scenes)), list(scenes))
-        axes.set_ylim(len(scenes) - 0.5, -0.5)
-        axes.set_xlabel("PSNR over objects and shadows, dB: more is nearer")
-        axes.margins(x=0.05)
-        axes.set_position((0.16, 13 / height, 0.8, 1 - 22 / height))  # names and the key need room
-        axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(SHOWN_WAYS), frameon=False)
-
-    return plotted(draw, "How near each way comes to the truth, scene by scene.", height=height)
-
-
 def strips(truths: Sequence[Truth]) -> Iterator[Figure]:
     """A sheet of each: rows of the paper's way, ours and the truth, at the same moments."""
     for truth in truths:
-        times = truth.film["times_s"]
-        chosen = [round((k + 1) * len(times) / COLUMNS) - 1 for k in range(min(COLUMNS, len(times)))]
+        count = len(truth.film["times_s"])
+        chosen = {round((k + 1) * count / COLUMNS) - 1 for k in range(min(COLUMNS, count))}
         draw = ways(truth)
-        rows = [*((name, draw[name]()) for name in STRIP_WAYS), ("truth", (rgb for rgb, _ in truth.frames()))]
-        sheet = []
-        for name, frames in rows:
-            row = [np.array(frame) for k, frame in enumerate(frames) if k in chosen]
-            for k, picture in enumerate(row):
-                label = f"{name}, {times[chosen[k]]:.2f} s"
-                for colour, thick in (((30, 30, 30), 3), ((255, 255, 255), 1)):
-                    cv2.putText(
-                        picture, label, (8, 22), cv2.FONT_HERSHEY_SIMPLEX, 0.55, colour, thick, cv2.LINE_AA
-                    )
-            gap = np.full((row[0].shape[0], GAP, 3), 255, np.uint8)
-            sheet.append(np.concatenate([part for picture in row for part in (gap, picture)][1:], axis=1))
-        gap = np.full((GAP, sheet[0].shape[1], 3), 255, np.uint8)
-        page = np.concatenate([part for row in sheet for part in (gap, row)][1:])
-        yield photo(page, f"{truth.name}: {', '.join(STRIP_WAYS)}, and the truth, at the same moments.")
+        rows = [*(draw[name]() for name in STRIP_WAYS), (rgb for rgb, _ in truth.frames())]
+        strip = [np.hstack([frame for k, frame in enumerate(frames) if k in chosen]) for frames in rows]
+        about = f"{truth.name}, from above: {', '.join(STRIP_WAYS)}, and the truth, at the same moments."
+        yield photo(np.vstack(strip), about)

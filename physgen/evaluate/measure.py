@@ -12,7 +12,6 @@ import shlex
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,12 +42,21 @@ if TYPE_CHECKING:
 Progress = Callable[[str, int, int], None]
 """Stage, steps done, steps in all."""
 PAGE, RESULT = "index.html", "result.json"
-WIDE = 100
-"""Columns of a terminal that a sentence may take."""
-QUALITY = 88
-"""JPEG quality of pictures in a page."""
-LEFT, RIGHT, BELOW, ABOVE = 15.0, 4.0, 11.0, 4.0
-"""mm around the axes of a plot."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """Of results in a terminal and on a page."""
+
+    columns: int = 100
+    """Of a terminal that a sentence may take."""
+    quality: int = 88
+    """JPEG quality of pictures in a page."""
+    margins: tuple[float, float, float, float] = (15.0, 4.0, 11.0, 4.0)
+    """mm around the axes of a plot: left, right, below, above."""
+
+
+LOOK = Look()
 
 
 @dataclass(frozen=True)
@@ -119,12 +127,10 @@ class Findings:
         return all(bar.met for bar in self.bars)
 
     def as_dict(self) -> dict[str, Any]:
-        """What `--json` prints. Raises ValueError for a number that is not finite."""
+        """As data."""
         bars = [{"what": b.what, "found": b.found, "bar": b.bar, "passed": b.met} for b in self.bars]
         rows = {"rows": list(self.rows), "bars": bars, "passed": self.passed}
-        record = {"measure": self.measure, **self.more, **rows}
-        _check_numbers(record, self.measure)
-        return record
+        return {"measure": self.measure, **self.more, **rows}
 
     def with_parts(self, parts: Mapping[str, Sequence[Table | Figure]], first: bool = True) -> Findings:
         """With more parts in the sections of those titles, before the others or after them."""
@@ -134,6 +140,11 @@ class Findings:
             both = (*more, *section.parts) if first else (*section.parts, *more)
             sections.append(replace(section, parts=both))
         return replace(self, sections=tuple(sections))
+
+
+def as_json(findings: Findings) -> str:
+    """What `--json` prints. Raises ValueError for a number that is not finite."""
+    return json.dumps(findings.as_dict(), indent=1, ensure_ascii=False, allow_nan=False, default=str) + "\n"
 
 
 def text(findings: Findings) -> str:
@@ -206,22 +217,11 @@ def counted(count: int, what: str) -> str:
 
 
 def _wrapped(sentences: Sequence[str]) -> list[str]:
-    return [line for sentence in sentences for line in textwrap.wrap(sentence, WIDE)]
+    return [line for sentence in sentences for line in textwrap.wrap(sentence, LOOK.columns)]
 
 
 def _row(cells: Sequence[str]) -> str:
     return "|".join(["", *(f" {cell} ".replace("|", "\\|") for cell in cells), ""])
-
-
-def _check_numbers(value: Any, where: str) -> None:
-    if isinstance(value, Mapping):
-        for key, part in value.items():
-            _check_numbers(part, f"{where}.{key}")
-    elif isinstance(value, (list, tuple)):
-        for k, part in enumerate(value):
-            _check_numbers(part, f"{where}[{k}]")
-    elif isinstance(value, float) and not isfinite(value):
-        raise ValueError(f"{where} is {value}: no result")
 
 
 # ---- the page ----------------------------------------------------------------------------------------------------
@@ -254,8 +254,7 @@ def write_files(findings: Findings, page: str, folder: Path, keep: Callable[[Pat
     if (folder / PAGE).exists() and not (folder / RESULT).exists():
         back_up(folder / PAGE, keep)
     write_atomic(folder / PAGE, page.encode())
-    data = json.dumps(findings.as_dict(), indent=1, ensure_ascii=False, allow_nan=False)
-    write_atomic(folder / RESULT, data.encode())
+    write_atomic(folder / RESULT, as_json(findings).encode())
     return folder / PAGE
 
 
@@ -296,7 +295,9 @@ def _data_uri(picture: str | bytes) -> str:
 
 def photo(rgb: NDArray[np.uint8], about: str, ending: str = ".jpg") -> Figure:
     """A picture (H, W, 3) sRGB as a figure."""
-    _, data = cv2.imencode(ending, np.ascontiguousarray(rgb[..., ::-1]), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+    _, data = cv2.imencode(
+        ending, np.ascontiguousarray(rgb[..., ::-1]), [cv2.IMWRITE_JPEG_QUALITY, LOOK.quality]
+    )
     return Figure(bytes(data), about)
 
 
@@ -307,6 +308,7 @@ def plotted(
     require_matplotlib()
     with plot_settings():
         figure = new_figure(width / MM, height / MM, dpi=DPI)
-        place = (LEFT, BELOW, width - LEFT - RIGHT, height - BELOW - ABOVE)
+        left, right, below, above = LOOK.margins
+        place = (left, below, width - left - right, height - below - above)
         draw(add_axes(figure, *(side / MM for side in place)), PALETTE)
     return Figure(figure_bytes(figure, "svg", about).decode(), about)

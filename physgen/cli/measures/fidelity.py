@@ -6,20 +6,12 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from physgen.cli.arguments import names
+from physgen.cli.arguments import some_names
 from physgen.cli.measures.output import add_output, hand_over
 from physgen.cli.output import Bar
 
 ABOUT = "Frames against the studio's truth videos; ends with 1 below the bar in docs/fidelity.md."
 EXAMPLE = "fidelity --scenes curling,shelf"
-
-
-def scenes(text: str) -> list[str]:
-    """`curling,shelf`, one at least."""
-    found = names(text)
-    if not found:
-        raise argparse.ArgumentTypeError("it names no scene; write e.g. curling,shelf")
-    return found
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -33,13 +25,13 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scenes",
         metavar="LIST",
-        type=scenes,
+        type=some_names,
         default=[],
         help="some scenes, e.g. curling,shelf",
     )
     add_output(
         parser,
-        "write a page with a plot and strips of frames in this folder",
+        "write a page with strips of frames in this folder",
     )
 
 
@@ -53,7 +45,6 @@ def run(options: argparse.Namespace) -> int:
     found = fidelity.findings(result)
     if options.output:
         sheets = tuple(fidelity.strips(fidelity.truths(options.truth, options.scenes)))
-        found = found.with_parts({found.sections[0].title: (fidelity.plot(result["rows"]),)}, first=False)
         found = replace(found, sections=(*found.sections, Section("Frames", (), sheets)))
     bar.clear()
     return hand_over(found, options)

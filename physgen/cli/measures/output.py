@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from physgen.cli.output import FAILED, OK, print_backup, print_error, print_json
+from physgen.cli.output import FAILED, OK, print_backup, print_error
 
 if TYPE_CHECKING:
     from physgen.evaluate.measure import Findings
@@ -20,12 +20,10 @@ def add_output(parser: argparse.ArgumentParser, what: str = "write a page with p
 
 def show(findings: Findings, options: argparse.Namespace) -> int:
     """Print the result; 1 where a bar is missed."""
-    from physgen.evaluate.measure import markdown, text
+    from physgen.evaluate.measure import as_json, markdown, text
 
-    if options.json:
-        print_json(findings.as_dict())
-    else:
-        sys.stdout.write(markdown(findings) if options.markdown else text(findings))
+    write = as_json if options.json else markdown if options.markdown else text
+    sys.stdout.write(write(findings))
     return OK if findings.passed else FAILED
 
 
