@@ -83,9 +83,6 @@ class Idle:
         for _ in latents:
             yield np.zeros((1, *self._size, 3), np.float32)
 
-    def fits(self, side: int, frames: int) -> bool:
-        return True
-
     def note(self) -> dict[str, Any]:
         return {}
 

@@ -70,17 +70,6 @@ def test_maps_are_pictures_as_documented(percepts: Percepts, tmp_path: Path) -> 
         assert np.asarray(normals)[0, 0].tolist() == [128, 128, 255]  # 128 = 0, towards the viewer
 
 
-def test_normals_of_16_bits_are_those_of_8(percepts: Percepts, tmp_path: Path) -> None:
-    ranges = write_assets(percepts, tmp_path)
-    file = tmp_path / "normals.png"
-    fine = np.rint(percepts.normals * 32767 + 32768).astype(np.uint16)
-    cv2.imwrite(str(file), fine[..., ::-1])
-    photo = tmp_path / "photo.png"
-    cv2.imwrite(str(photo), percepts.rgb[..., ::-1])
-    back = read_percepts(photo, tmp_path, ranges).normals
-    assert np.abs(back - percepts.normals).max() < 1e-4
-
-
 def test_nothing_painted_is_lost(percepts: Percepts, tmp_path: Path) -> None:
     write_assets(percepts, tmp_path)
     painted = tmp_path / "masks.png"

@@ -122,20 +122,6 @@ def test_what_another_material_does_to_a_thing():
     assert kind("wooden elephant").filled == 1
 
 
-def test_empty_and_full():
-    can, empty = kind("can"), kind("empty can")
-    assert can.mass == 365
-    assert empty.mass is None
-    assert 8 < empty.density / can.density * can.mass < 25  # an aluminium can weighs 14 g
-    assert kind("cup of coffee").density > kind("cup").density + 0.4
-    assert kind("bowl of soup").density > kind("bowl").density + 0.4
-
-
-def test_part_of_a_thing_has_no_ordinary_weight():
-    assert (kind("slice of melon").noun, kind("slice of melon").mass) == ("melon", None)
-    assert kind("half a lemon").size == ()
-
-
 @pytest.mark.parametrize("label", ["marble", "glass ball", "steel ball", "ball bearing"])
 def test_hard_polished_balls_bounce_well_and_vessels_do_not(label: str):
     assert kind(label).material.elasticity == 0.9
@@ -150,14 +136,3 @@ def test_a_surface_has_a_source_of_its_own():
     assert "Newton" not in steel
     assert "friction: ETB" in steel
     assert "CRC" not in mug + tennis + steel
-
-
-def test_a_shot_is_solid_iron():
-    shot = kind("shot put")
-    assert shot.density == pytest.approx(kind("iron ball").density, rel=0.01)
-    assert (shot.size, shot.mass) == ((124,), 7260)
-
-
-def test_things_that_differ_tell_little_of_the_scale():
-    assert min(kind(label).spread for label in ("tv", "lego", "battery", "card")) >= 0.3
-    assert kind("duplo").size == tuple(2 * side for side in kind("lego brick").size)

@@ -23,9 +23,6 @@ from physgen.problems import InputError
 F64 = NDArray[np.float64]
 U8 = NDArray[np.uint8]
 
-SRGB_TO_XYZ = np.array(
-    [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
-)
 ADOBE_TO_XYZ = np.array(
     [[0.5767309, 0.1855540, 0.1881852], [0.2973769, 0.6273491, 0.0752741], [0.0270343, 0.0706872, 0.9911085]]
 )
@@ -120,12 +117,6 @@ def test_16_bits_are_rounded_not_cut(true: F64, tmp_path: Path, suffix: str) -> 
     assert far(read_image(path), np.repeat(levels(np.round(grey * 65535) / 65535)[..., None], 3, axis=2)) == 0
 
 
-def test_every_code_of_16_bits(tmp_path: Path) -> None:
-    codes = np.arange(65536, dtype=np.uint16).reshape(256, 256)
-    cv2.imwrite(str(tmp_path / "a.png"), codes)
-    assert np.array_equal(read_image(tmp_path / "a.png")[:, :, 1], np.round(codes / 257))
-
-
 def test_grey_and_black_and_white(shown: U8, tmp_path: Path) -> None:
     grey = Image.fromarray(shown[:, :, 0])
     grey.save(tmp_path / "g.png")
@@ -149,13 +140,6 @@ def test_what_lets_light_through_lies_on_white(true: F64, tmp_path: Path, deep: 
     photo = read_photo(path)
     assert far(photo.rgb, levels(srgb(linear(whole[:, :, :3]) * a + 1 - a))) <= 1
     assert not photo.plain
-
-
-def test_opaque_alpha_is_no_alpha(shown: U8, tmp_path: Path) -> None:
-    Image.fromarray(shown).convert("RGBA").save(tmp_path / "a.png")
-    photo = read_photo(tmp_path / "a.png")
-    assert np.array_equal(photo.rgb, shown)
-    assert photo.plain
 
 
 def test_palettes_and_colours_that_stand_for_nothing(shown: U8, tmp_path: Path) -> None:
@@ -323,15 +307,6 @@ def test_grey_profiles(tmp_path: Path, deep: bool) -> None:
         assert far(read_image(profiled(path, profile))[0], np.repeat(levels(meant)[:, None], 3, axis=1)) <= 1
 
 
-def test_a_profile_keeps_what_lets_light_through(true: F64, tmp_path: Path) -> None:
-    alpha = np.tile(np.linspace(0, 1, W), (H, 1))[..., None]
-    whole = np.round(np.concatenate([true, alpha], axis=2) * 65535) / 65535
-    path = profiled(write16(tmp_path / "a.png", whole), SPACES["Adobe RGB"][0])
-    inside = whole[..., :3] ** (563 / 256) @ (XYZ_TO_SRGB @ ADOBE_TO_XYZ).T
-    a = whole[..., 3:]
-    assert far(read_image(path), levels(srgb(inside * a + 1 - a))) <= 1
-
-
 def test_inks_with_a_profile(tmp_path: Path) -> None:
     """Paper is white, and each corner of the table what its Lab says: LittleCMS against CIE's formulas."""
     lab = np.zeros((16, 3))
@@ -469,21 +444,6 @@ def test_any_photo_becomes_a_scene_of_srgb(tmp_path: Path) -> None:
     copy = cv2.imread(str(tmp_path / "s.assets" / "phone.png"))[:, :, ::-1]
     assert far(copy, levels(picture)) <= 1
     assert "image: s.assets/phone.png" in scene.read_text()
-
-
-def test_a_photo_may_be_called_as_a_map(tmp_path: Path) -> None:
-    picture, mask = ball(40, 30)
-    given = tmp_path / "given.png"
-    cv2.imwrite(str(given), mask)
-    for name in ("masks.tif", "background.png"):
-        Image.fromarray(levels(picture)).save(tmp_path / name)
-        folder = tmp_path / name[:-4]
-        scene = folder / "s.yaml"
-        assert main(["perceive", str(tmp_path / name), "--masks", str(given), "-o", str(scene)]) == 0
-        photo = folder / "s.assets" / f"photo-{name[:-4]}.png"
-        assert np.array_equal(read_image(photo), levels(picture))
-        assert np.array_equal(cv2.imread(str(folder / "s.assets" / "masks.png"), -1), mask)
-        assert main(["check", str(scene)]) == 0
 
 
 def test_photos_are_made_smaller_in_linear_light() -> None:

@@ -11,8 +11,6 @@ import numpy as np
 import pytest
 
 from physgen import registry
-from physgen.perceive.roles import PromptedMask
-from physgen.perceive.segment.prompts import from_prompts, segmenter
 from physgen.problems import InputError
 from physgen.registry import (
     Backend,
@@ -117,14 +115,6 @@ def test_profiles_replace_the_choices_before_them(tmp_path: Path):
     write(tmp_path / "physgen.toml", 'device = "cpu"\n\nprofile = "offlne"\n')
     with pytest.raises(InputError, match=r'physgen.toml:3:1: "offlne" is no profile; did you mean offline'):
         load_plan()
-
-
-def test_paths_in_a_file_are_relative_to_it(tmp_path: Path):
-    text = '[backend]\nnormals = "file:maps/n.npy"\nsegment = "sam3:facebook/sam3"\n'
-    file = write(tmp_path / "set/up.toml", text)
-    write(tmp_path / "set/maps/n.npy", "")
-    found = chosen(load_plan(config=file))
-    assert found == {"normals": f"file:{tmp_path / 'set/maps/n.npy'}", "segment": "sam3:facebook/sam3"}
 
 
 def test_every_mistake_in_a_file_is_reported_with_its_line(tmp_path: Path):
@@ -264,39 +254,6 @@ def test_a_backend_that_failed_is_tried_again_on_the_next_photo(odd: type[Odd]):
         assert not backends.fallbacks()
 
 
-def test_a_plan_of_some_roles_checks_nothing_of_others(odd: type[Odd]):
-    plan = load_plan(["segment=odd", "refine=wan:nobody/no-such-weights"])
-    with pytest.raises(InputError, match="nobody/no-such-weights"):
-        Backends(plan)
-    odd.made = 0
-    assert Backends(plan.of(["segment", "label"])).name("segment") == "odd"
-    assert odd.made == 1
-    assert plan.of(["refine"]).setup("refine").weights == "nobody/no-such-weights"
-
-
-def test_boxes_and_points_have_a_fallback_too(odd: type[Odd], monkeypatch: pytest.MonkeyPatch):
-    def meant(self, rgb, boxes, points):
-        if odd.fails:
-            raise RuntimeError("no memory")
-        return [PromptedMask(np.ones(rgb.shape[:2], bool), 0.9) for _ in (*boxes, *points)]
-
-    monkeypatch.setattr(Odd, "meant", meant, raising=False)
-    rgb = np.full((64, 64, 3), 90, np.uint8)
-    rgb[20:44, 20:44] = 200
-    for fails in (False, True):
-        odd.fails = fails
-        backends = Backends(Plan(choices(["segment=odd"]), fallback=True))
-        found = from_prompts(rgb, [(16, 16, 32, 32)], [], segmenter(backends, ["cup"]))
-        assert ((found.labels == 1).sum() == 64 * 64) == (not fails)  # else the object in the box
-        assert len(backends.record()) == 1
-        assert bool(backends.fallbacks()) == fails
-
-
-def test_boundaries_that_need_depth_are_refused_without_it():
-    with pytest.raises(InputError, match=r"boundary=depth-normals.* needs depth; choose one for depth, too"):
-        Backends(load_plan(["boundary=depth-normals"]))
-
-
 def test_missing_libraries_are_reported_before_anything_runs(monkeypatch: pytest.MonkeyPatch):
     rows = [
         Backend(role, "far", "nowhere:far", "", extra="models", needs=("no_such_module",))
@@ -336,20 +293,6 @@ def test_weights_that_a_choice_leaves_out_are_the_rows_own(tmp_path, monkeypatch
     (tmp_path / "a,b").mkdir()
     row, _ = listed(f"depth=depth-anything:{tmp_path}/a,b")
     assert [(one["id"], one["here"]) for one in row["weights"]] == [(f"{tmp_path}/a,b", True)]
-
-
-def test_rows_that_read_a_map_are_ready_once_one_is_named(tmp_path):
-    for row in (row for row in listing() if row["name"] == "file"):
-        assert not row["ready"]
-        assert list(listing_lines([row]))[-1].strip() == f"[write {row['role']}=file:PATH]"
-    for missing in (tmp_path / "nowhere.png", tmp_path):  # a folder is no picture
-        row, lines = listed(f"inpaint=file:{missing}")
-        assert not row["ready"]
-        assert lines == [f"[lacks {missing}]"]
-    (tmp_path / "a,b.png").touch()
-    row, lines = listed(f"inpaint=file:{tmp_path}/a,b.png")
-    assert row["ready"]
-    assert lines == [f"{tmp_path}/a,b.png, here"]
 
 
 @pytest.mark.slow

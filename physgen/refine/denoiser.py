@@ -75,10 +75,6 @@ class Denoiser(Protocol):
         """Frames, some at a time: (f, H, W, 3) sRGB, 0..1 but for over- and undershoots."""
         ...
 
-    def fits(self, side: int, frames: int) -> bool:
-        """Whether the device can read so many latent frames of `side` x `side` px, take a step, and decode them."""
-        ...
-
     def note(self) -> Mapping[str, Any]:
         """For the record: weights, revision, device, dtype, scheduler ..."""
         ...

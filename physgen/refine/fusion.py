@@ -38,9 +38,8 @@ from numpy.typing import NDArray
 from physgen.photometry import decode, encode_u8
 from physgen.problems import InputError, Place, Problem
 from physgen.progress import Progress, silent
-from physgen.refine.denoiser import Denoiser, Grid, PromptSettings
+from physgen.refine.denoiser import Denoiser, PromptSettings
 from physgen.refine.latents import (
-    Span,
     blend_predictions,
     cell_coverage,
     fit_to_grid,
@@ -244,15 +243,13 @@ class Refinement:
         )
         self._fit = fit_to_grid(size, model.grid)
         self._latents = latent_frames(count, model.grid)
-        self._windows = self._spans(model.grid)
-
-    def _spans(self, grid: Grid) -> list[Span]:
-        return window_spans(self._latents, grid.window, grid.window // 2, grid.group)
+        window = model.grid.window
+        self._windows = window_spans(self._latents, window, window // 2, model.grid.group)
 
     def frames(self, guidance: Sequence[U8], coverage: Sequence[F32]) -> Iterator[U8]:
         """(H, W, 3) sRGB each. `guidance`: (H, W, 3) sRGB; `coverage`: (H, W) of objects, 0..1.
 
-        Raises InputError where the device holds too little, with what would fit.
+        Raises InputError where the device holds too little.
         """
         try:
             yield from self._frames(guidance, coverage)
@@ -302,21 +299,9 @@ class Refinement:
             )
 
     def _too_large(self) -> Problem:
-        """The message where memory does not suffice, with the largest size that fits, found by trying."""
         width, height = self._fit.padded
-        frames = self._latents  # some models read and decode a clip as a whole
-        found = f"{frames} latent frames of {width} x {height} px"
-        side = int((width * height) ** 0.5)
-        for part in (3 / 4, 1 / 2, 3 / 8, 1 / 4):
-            smaller = max(
-                self._model.grid.side, int(side * part) // self._model.grid.side * self._model.grid.side
-            )
-            if self._model.fits(smaller, frames):
-                advice = f"write resolution = {smaller} in the backend's table of physgen.toml"
-                fix = f"{smaller} x {smaller} px fit: {advice}"
-                break
-        else:
-            fix = "not even a quarter of the width fits: choose a smaller model, or refine fewer frames"
+        found = f"{self._latents} latent frames of {width} x {height} px"
+        fix = "write a smaller resolution in the backend's table of physgen.toml, or refine fewer frames"
         return Problem(Place("refine"), "", found, "do not fit into the memory of the device", fix)
 
     def note(self) -> Mapping[str, Any]:

@@ -385,7 +385,7 @@ def test_too_long_a_prompt_is_refused(capsys) -> None:
     assert "argument --prompt: 2001 characters are over 2000" in capsys.readouterr().err
 
 
-def test_too_little_memory_is_told_with_what_fits(clip: Path, tmp_path: Path, capsys) -> None:
+def test_too_little_memory_is_reported(clip: Path, tmp_path: Path, capsys) -> None:
     (tmp_path / "small.toml").write_text("[exact]\nmost = 400\n")
     before = sorted(tmp_path.rglob("*"))
     run = [
@@ -404,8 +404,8 @@ def test_too_little_memory_is_told_with_what_fits(clip: Path, tmp_path: Path, ca
     told = capsys.readouterr()
     assert told.out == ""
     assert told.err.splitlines()[1:] == [
-        "refine: 6 latent frames of 48 x 40 px do not fit into the memory of the device; 32 x 32 px fit: "
-        "write resolution = 32 in the backend's table of physgen.toml"
+        "refine: 6 latent frames of 48 x 40 px do not fit into the memory of the device; "
+        "write a smaller resolution in the backend's table of physgen.toml, or refine fewer frames"
     ]
     assert sorted(tmp_path.rglob("*")) == before
 

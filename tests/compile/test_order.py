@@ -66,11 +66,3 @@ def test_shuffled_keys_are_the_same_scene_and_world(seed: int, tmp_path: Path) -
     assert [str(p).partition(": ")[2] for p in sorted(pipeline.lint(first, one), key=lambda p: p.path)] == [
         str(p).partition(": ")[2] for p in sorted(pipeline.lint(second, other), key=lambda p: p.path)
     ]
-
-
-def test_names_in_natural_order() -> None:
-    right = ["ball", "ball2", "ball-1", "ball-02", "ball-2", "ball-10", "ball-10-a", "cue"]
-    for seed in range(20):
-        names = right.copy()
-        random.Random(seed).shuffle(names)
-        assert sorted(names, key=natural) == right

@@ -11,8 +11,7 @@ from pytest import approx
 
 from physgen import pipeline
 from physgen.compile.warnings import WallSegments
-from physgen.geometry.polygon import Disc, polygon_moments
-from physgen.problems import InputError
+from physgen.geometry.polygon import polygon_moments
 
 HEIGHT, WIDTH = 150, 200
 
@@ -75,13 +74,6 @@ def test_what_stands_on_a_mask_touches_it(tmp_path: Path, shape: str) -> None:
     assert lines.across(body, np.array([0.0, 0.3]))[0] > 0.2  # it is in contact, not above
 
 
-def test_a_round_mask_is_lines_all_the_same(tmp_path: Path) -> None:
-    photo(tmp_path, 5 * disc(60, 60, 25))
-    c = compiled(tmp_path, "objects: {}\nboundaries: {peg: {mask: 5}}")
-    [chain] = c.world.walls[0].chains
-    assert np.hypot(*(chain - [60, 60]).T) == approx(np.full(len(chain), 25), abs=0.7)
-
-
 def test_masks_written_out(tmp_path: Path) -> None:
     polygon = "{polygon: [[10, 10], [60, 10], [60, 40], [10, 40]]}"
     c = compiled(tmp_path, f"objects: {{}}\nboundaries: {{a: {{mask: {polygon}}}}}", "size: [200, 150]")
@@ -109,28 +101,6 @@ boundaries:
     assert area(c.world.walls[1].chains[0]) == approx(51 * 41, rel=0.03)  # the two cross, each as it is
     assert not c.scenery[65:75, 95:105].any()
     assert c.scenery[40, 60]
-
-
-def test_a_mask_without_pixels(tmp_path: Path) -> None:
-    photo(tmp_path, np.zeros((HEIGHT, WIDTH)))
-    message = "5:27: boundaries.wall.mask: 7 covers no pixel; write an id that masks.png holds, or an outline"
-    with pytest.raises(InputError, match=message):
-        compiled(tmp_path, "objects: {}\nboundaries: {wall: {mask: 7}}")
-
-
-@pytest.mark.parametrize("pixels", [1, 2, 5])
-def test_a_speck_is_a_wall_too(tmp_path: Path, pixels: int) -> None:
-    labels = np.zeros((HEIGHT, WIDTH), int)
-    labels[40, 50 : 50 + pixels] = 7
-    labels[80:100, 50:90] = 1
-    labels[79, 60] = 8
-    labels[disc(120, 60, 15)] = 2
-    labels[76, 120] = 9
-    photo(tmp_path, labels)
-    body = "objects: {a: {mask: 1}, b: {mask: 2}}\nboundaries: {x: {mask: 7}, y: {mask: 8}, z: {mask: 9}}"
-    c = compiled(tmp_path, body)
-    assert all(len(wall.chains[0]) >= 4 for wall in c.world.walls)
-    assert isinstance(c.outlines[1], Disc)
 
 
 # In the picture

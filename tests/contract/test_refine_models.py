@@ -243,7 +243,7 @@ def test_numbers_that_are_none_are_told(variant: str, video: Video):
     ("variant", "kind"),
     [("animatediff", "device"), ("wan", "processor"), ("cogvideox-2b", "device")],
 )
-def test_memory_that_does_not_suffice_is_told_with_what_would_fit(variant: str, kind: str, video: Video):
+def test_memory_that_does_not_suffice_is_reported(variant: str, kind: str, video: Video):
     model, size = video(variant), (64, 64) if variant == "wan" else (32, 32)
     side = size[0] // 2 if variant == "cogvideox-2b" else size[0] * 3 // 4
     model.begin(clip(1, size)[0], HOW.prompt, 4, 2)
@@ -259,13 +259,10 @@ def test_memory_that_does_not_suffice_is_told_with_what_would_fit(variant: str, 
     model._network.predict = short
     with pytest.raises(InputError) as caught:
         refined(model, size=size)
-    assert not model.fits(size[0], 2)
-    assert model.fits(side, 2)
     del model._network.predict
-    assert model.fits(size[0], 2)
     (problem,) = caught.value.problems
     assert f"{size[0]} x {size[1]} px do not fit into the memory" in str(problem)
-    assert f"write resolution = {side}" in problem.fix
+    assert "write a smaller resolution" in problem.fix
     assert refined(model, size=size).shape[0] == 7  # and nothing is broken
 
 
@@ -287,14 +284,6 @@ def test_what_failed_holds_no_memory(video: Video):
         assert held[0]() is None  # while the error is still about
     del model._network.predict
     assert held
-
-
-def test_a_trial_leaves_the_video_under_way_alone(video: Video):
-    model = video("wan-looks")
-    z = model.begin(clip(5, (32, 32))[0], HOW.prompt, 4, 2)
-    before = model.predict(z, 0, 0)
-    assert model.fits(16, 2)
-    assert np.array_equal(before, model.predict(z, 0, 0))
 
 
 @pytest.mark.parametrize("name", ROWS)
@@ -359,16 +348,6 @@ def test_a_resolution_is_shown_and_the_full_size_comes_back(video: Video):
     )
 
 
-@pytest.mark.parametrize(
-    ("variant", "told", "tiled"),
-    [("animatediff", True, True), ("wan", "on", True), ("cogvideox-2b", False, False)],
-)
-def test_the_vae_goes_in_tiles_where_it_is_told_to(variant: str, told: Any, tiled: bool, video: Video):
-    model = video(variant, tiling=told)
-    model.begin(clip(1, (32, 32))[0], PromptSettings("", "", 1.0), 2, 1)
-    assert model.note()["tiling"] is model._network.pipe.vae.use_tiling is tiled
-
-
 def test_the_vae_goes_in_tiles_where_frames_are_larger_than_it_was_trained_on(video: Video):
     model = video("cogvideox-2b", resolution=256)
     for side, tiled in ((64, False), (80, True), (64, False)):
@@ -381,7 +360,6 @@ def test_the_vae_goes_in_tiles_where_frames_are_larger_than_it_was_trained_on(vi
     [
         ({"offload": "model"}, r'wan.offload: "model" needs a GPU, and this runs on cpu; leave it out'),
         ({"offload": "some"}, r"wan.offload: 'some' is not one of auto, none, model, sequential"),
-        ({"tiling": "yes"}, r"wan.tiling: 'yes' is not one of auto, on, off"),
         ({"resolution": 8}, r"wan.resolution: 8 is not a whole number from 16 on; leave it out"),
         ({"windows": 8}, r'wan.windows: "windows" means nothing here; did you mean window\?'),
     ],
@@ -424,9 +402,13 @@ def test_weights_of_another_model_are_refused_with_whose_they_are(tmp_path: Path
     wans, cogs, two = wan(tmp_path / "wan"), cogvideox(tmp_path / "cog"), animatediff(tmp_path / "two")
     adapter, base = two.split(",")
     for name, said, message in (
-        ("wan", cogs, r"is a CogVideoXPipeline: not for Wan; write cogvideox:"),
-        ("cogvideox", wans, r"is a WanPipeline: not for CogVideoX; write wan:"),
-        ("animatediff", wans, r"is a WanPipeline: not for AnimateDiff; write wan:"),
+        ("wan", cogs, r"is a CogVideoXPipeline: not for Wan; name weights of a WanPipeline"),
+        ("cogvideox", wans, r"is a WanPipeline: not for CogVideoX; name weights of a CogVideoXPipeline"),
+        (
+            "animatediff",
+            wans,
+            r"is a WanPipeline: not for AnimateDiff; name weights of a AnimateDiffPipeline",
+        ),
         ("wan", base, r"is a StableDiffusionPipeline: not for Wan; name weights of a WanPipeline"),
         (
             "animatediff",
@@ -505,11 +487,6 @@ def test_the_record_tells_which_weights(tmp_path: Path, monkeypatch: pytest.Monk
         "guidance": 3.0, "offload": "none", "tiling": False, "torch": torch.__version__,
     }.items()  # fmt: skip
     json.dumps(note)
-    moved = shutil.copytree(here, tmp_path / "elsewhere")
-    assert made("wan", str(moved)).note()["revision"] == note["revision"]
-    file = moved / "transformer/config.json"
-    file.write_text(file.read_text().replace('"ffn_dim": 16', '"ffn_dim": 61'))
-    assert made("wan", str(moved)).note()["revision"] != note["revision"]
     # from the hub's cache: the commit
     home = tmp_path / "hub/models--some--wan"
     shutil.copytree(here, home / "snapshots/5af5c01")

@@ -114,9 +114,6 @@ class Gaussian:
             )
             yield np.asarray((z.transpose(0, 2, 3, 1) + 1) / 2, np.float32)
 
-    def fits(self, side: int, frames: int) -> bool:
-        return frames * (side // self.grid.cell) ** 2 <= self._most
-
     def _room(self, cells: int) -> None:
         if cells > self._most:
             raise MemoryError

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -17,8 +16,6 @@ from physgen.refine.latents import (
     frames_held,
     hold_weights,
     latent_frames,
-    over_time,
-    pad_frames,
 )
 
 ANIMATEDIFF = Grid(8, 8, 512 * 512, 1, 1, 16)
@@ -33,18 +30,6 @@ def test_latent_frames_are_just_enough_and_in_groups(grid: Grid, frames: int) ->
     assert count % grid.group == 0
     assert frames_held(count, grid) >= frames
     assert count == grid.group or frames_held(count - grid.group, grid) < frames
-
-
-def test_known_counts() -> None:
-    assert [latent_frames(n, WAN) for n in (1, 2, 5, 6, 81, 82)] == [1, 2, 2, 3, 21, 22]
-    assert [latent_frames(n, PAIRS) for n in (1, 5, 6, 49)] == [2, 2, 4, 14]
-    assert frames_held(21, WAN) == 81
-
-
-def test_short_clips_go_on_with_their_last_frame() -> None:
-    frames = [np.full((2, 2, 3), k, np.uint8) for k in range(3)]
-    assert [int(f[0, 0, 0]) for f in pad_frames(frames, 5)] == [0, 1, 2, 2, 2]
-    assert len(pad_frames(frames, 3)) == 3
 
 
 @pytest.mark.parametrize("grid", [ANIMATEDIFF, WAN, PAIRS])
@@ -67,20 +52,6 @@ def test_cells_hold_the_mean_coverage_of_their_pixels_and_frames(grid: Grid, siz
             for x in range(width // 8):
                 block = [masks[min(k, count - 1)][8 * y : 8 * y + 8, 8 * x : 8 * x + 8].mean() for k in shown]
                 assert found[f, 0, y, x] == approx(np.mean(block), abs=1e-6)
-
-
-def test_coverage_is_soft_where_nearest_would_lose_a_thin_thing() -> None:
-    mask = np.zeros((32, 32), np.float32)
-    mask[:, 9] = 1  # a rod one pixel wide, between the pixels that nearest would look at
-    found = cell_coverage([mask], 1, ANIMATEDIFF)[0, 0]
-    assert found[:, 1] == approx(1 / 8)
-    assert not found[:, [0, 2, 3]].any()
-    assert not cv2.resize(mask, (4, 4), interpolation=cv2.INTER_NEAREST).any()
-
-
-def test_values_of_frames_go_to_their_latents() -> None:
-    assert over_time(np.arange(9, dtype=np.float32), WAN).tolist() == [0.0, 2.5, 6.5]
-    assert over_time(np.arange(9, dtype=np.float32), ANIMATEDIFF).tolist() == list(range(9))
 
 
 @given(width=st.integers(1, 3000), height=st.integers(1, 3000))

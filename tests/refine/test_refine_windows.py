@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from physgen.refine.latents import blend_predictions, weights, window_spans
+from physgen.refine.latents import blend_predictions, window_spans
 
 
 @given(
@@ -30,17 +30,6 @@ def test_all_is_covered_in_whole_groups_with_what_is_shared(
     assert len(found) == fewer  # no more than must be
 
 
-def test_a_clip_that_fits_is_one_window() -> None:
-    assert window_spans(16, 16, 8) == [(0, 16)]
-    assert window_spans(5, 16, 8) == [(0, 5)]
-
-
-def test_weights_fall_only_towards_ends_that_another_window_goes_beyond() -> None:
-    assert weights((3, 8), 20).tolist() == [1, 2, 3, 2, 1]
-    assert weights((0, 5), 20).tolist() == [5, 4, 3, 2, 1]
-    assert weights((15, 20), 20).tolist() == [1, 2, 3, 4, 5]
-
-
 @given(total=st.integers(1, 120), window=st.integers(1, 20), overlap=st.integers(0, 19))
 def test_shares_sum_to_one_and_a_model_that_looks_at_cells_says_the_same(total, window, overlap) -> None:
     windows = window_spans(total, window, overlap)
@@ -49,19 +38,6 @@ def test_shares_sum_to_one_and_a_model_that_looks_at_cells_says_the_same(total, 
     assert np.abs(ones - 1).max() < 1e-6
     linear = blend_predictions(lambda part, first: 3 * part - 1, z, windows)
     assert np.abs(linear - (3 * z - 1)).max() < 5e-6
-
-
-def test_windows_know_where_they_begin() -> None:
-    z = np.arange(30, dtype=np.float32)[:, None, None, None]
-    begun = []
-
-    def predict(part: np.ndarray, first: int) -> np.ndarray:
-        begun.append(first)
-        assert part[0, 0, 0, 0] == first
-        return part
-
-    assert np.allclose(blend_predictions(predict, z, window_spans(30, 16, 8)), z, atol=1e-5)
-    assert begun == [0, 7, 14]
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from pytest import approx
 
 from physgen.problems import InputError
 from physgen.refine.denoiser import Denoiser, Grid, PromptSettings
-from physgen.refine.fusion import Refinement, RefineSettings, hold_frames, prompt_of
+from physgen.refine.fusion import Refinement, RefineSettings, prompt_of
 
 HOW = RefineSettings(0.5, 5, 50, 0, PromptSettings("balls", "", None), lock=0.0, detail=1.0, hold=0)
 PLAIN = Grid(4, 8, 10**9, 1, 1, 64)
@@ -54,10 +54,6 @@ def apart(one: list[np.ndarray], two: list[np.ndarray]) -> float:
     return float(np.abs(np.stack(one).astype(int) - np.stack(two)).mean())
 
 
-def test_the_model_of_these_tests_is_one() -> None:
-    assert isinstance(Gaussian(), Denoiser)
-
-
 @pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS)
 @pytest.mark.parametrize("kind", [Gaussian, Straight])
 @pytest.mark.parametrize("count", [1, 2, 11])
@@ -89,23 +85,6 @@ def test_objects_stay_nearer_than_the_rest(grid: Grid) -> None:
     made = np.stack(refined(Gaussian(grid)))
     change, cover = np.abs(made.astype(int) - frames).mean(axis=-1), np.stack(coverage)
     assert change[cover == 1].mean() < 0.9 * change[cover == 0].mean()
-
-
-def test_strength_near_nothing_gives_nearly_the_guidance() -> None:
-    frames = clip()[0]
-    far = [
-        apart(refined(Gaussian(), replace(HOW, strength=s, steps=1000)), frames) for s in (0.001, 0.1, 0.5)
-    ]
-    assert far[0] < 4
-    assert far == sorted(far)
-
-
-def test_windows_change_nothing_of_what_a_model_of_cells_says() -> None:
-    model, long = Gaussian(GRIDS["windows"]), Gaussian()
-    one, other = refined(model, count=23), refined(long, count=23)
-    assert np.abs(np.stack(one).astype(int) - np.stack(other)).max() <= 1  # sums are rounded
-    assert {length for _, length in model.seen} == {6}
-    assert {length for _, length in long.seen} == {23}
 
 
 class Moody(Gaussian):
@@ -160,10 +139,6 @@ def test_the_first_frame_is_kept_and_what_follows_leaves_it_slowly(grid: Grid) -
     assert np.array_equal(eased[13:], free[13:])
 
 
-def test_frames_of_hold_last_a_third_of_a_second_and_three_frames_at_least() -> None:
-    assert [hold_frames(fps) for fps in (30, 8, 1, 60)] == [9, 3, 3, 18]
-
-
 def test_one_seed_gives_the_same_bytes_and_another_others() -> None:
     a, b, c = (refined(Gaussian(), replace(HOW, seed=seed)) for seed in (4, 4, 5))
     assert np.array_equal(a, b)
@@ -190,19 +165,9 @@ def test_the_record_tells_what_ran() -> None:
     assert model.said == HOW.prompt
 
 
-@pytest.mark.parametrize(
-    ("most", "told"),
-    [
-        (2000, "11 latent frames of 64 x 40 px do not fit into the memory of the device; 32 x 32 px fit: "
-               "write resolution = 32 in the backend's table of physgen.toml"),
-        (3, "11 latent frames of 64 x 40 px do not fit into the memory of the device; not even a quarter of the "
-            "width fits: choose a smaller model, or refine fewer frames"),
-    ],
-)  # fmt: skip
-def test_too_little_memory_is_told_with_what_fits(most: int, told: str) -> None:
-    with pytest.raises(InputError) as error:
-        refined(Gaussian(most=most // 2 if most > 3 else most))
-    assert str(error.value) == f"refine: {told}"
+def test_too_little_memory_is_reported() -> None:
+    with pytest.raises(InputError, match="refine: 11 latent frames of 64 x 40 px do not fit into the memory"):
+        refined(Gaussian(most=1000))
 
 
 class Broken(Gaussian):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from pathlib import Path
 
 import av
@@ -11,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from physgen import pipeline, registry
+from physgen import registry
 from physgen.batch import run
 from physgen.cli import main
 from physgen.registry import Backend
@@ -140,12 +139,6 @@ def test_what_fails_leaves_an_earlier_refined_clip_as_it_is(capsys: pytest.Captu
     assert len(frames("out/pair/video.mp4")) == len(before["frames"])
 
 
-def test_a_configuration_that_is_wrong_concerns_only_what_is_refined() -> None:
-    Path("physgen.toml").write_text('[backend]\nrefine = "nobody"\n', encoding="utf-8")
-    assert rendered()["frames"]
-    assert "nobody" in rendered("--refine", "exact", code=2)["refine"]["failed"]
-
-
 def test_a_bare_name_takes_the_weights_of_the_configuration(monkeypatch: pytest.MonkeyPatch) -> None:
     import gaussian
 
@@ -160,51 +153,13 @@ def test_a_bare_name_takes_the_weights_of_the_configuration(monkeypatch: pytest.
     assert made == ["some/weights", "other/weights"]
 
 
-def test_settings_of_nobody_are_told(capsys: pytest.CaptureFixture[str]) -> None:
-    rendered("--set", "refine.lock=1")
-    assert "refine.lock: warning: 1.0 has no effect: no backend refines" in capsys.readouterr().err
-    assert rendered("--refine", "exat", code=2)["frames"]
-    assert '--refine: "exat" is no backend that refines; did you mean exact?' in capsys.readouterr().err
-
-
-def test_steps_are_told_and_then_frames() -> None:
-    told = []
-    where = {
-        "overrides": ["refine.backend=exact", "render.play=backward"],
-        "progress": lambda *said: told.append(said),
-    }
-    pipeline.render_scene("pair.yaml", "out", **where)
-    assert told.index(("refine", 5, 5)) < told.index(("decode", 1, 8))
-    assert told[-1] == ("decode", 8, 8)
-    stages = json.loads(Path("out/pair/manifest.json").read_text())["stages"]
-    assert stages["refine"]["wall"] > stages["read"]["wall"]
-
-
-def test_no_memory_says_what_fits(capsys: pytest.CaptureFixture[str]) -> None:
+def test_too_little_memory_keeps_the_unrefined_clip(capsys: pytest.CaptureFixture[str]) -> None:
     Path("physgen.toml").write_text("[exact]\nmost = 1000\n", encoding="utf-8")
     told = rendered("--refine", "exact", code=2)
     said = capsys.readouterr().err
     assert "do not fit into the memory of the device" in said
-    assert "px fit: write resolution = " in said
     assert Path("out/pair/unrefined.mp4").is_file()
     assert told["frames"] == []
-
-
-def test_a_strength_that_leaves_no_step_changes_nothing(capsys: pytest.CaptureFixture[str]) -> None:
-    before = rendered("--refine", "exact")
-    assert rendered("--refine", "exact", "--set", "refine.strength=0", code=2) == before
-    said = capsys.readouterr().err
-    assert "refine.strength: 0 leaves none of 10 steps to run; write at least 0.05, or backend: none" in said
-
-
-def test_models_are_made_once_for_many_scenes(monkeypatch: pytest.MonkeyPatch) -> None:
-    import gaussian
-
-    made = []
-    monkeypatch.setattr(gaussian, "made", lambda setup, make=gaussian.made: made.append(setup) or make(setup))
-    shutil.copyfile("pair.yaml", "again.yaml")
-    assert main.main(["render", "pair.yaml", "again.yaml", "--refine", "exact"]) == 0
-    assert len(made) == 1
 
 
 def test_a_scene_without_objects_is_refined_all_over() -> None:

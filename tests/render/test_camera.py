@@ -101,12 +101,6 @@ def test_all_of_the_photo_at_its_own_size_is_the_very_frame(tmp_path, view: str)
     assert next(filmed(iter([frame]), through)) is frame
 
 
-def test_pixel_centres_keep_their_place(tmp_path) -> None:
-    for factor in (0.5, 2.0, 3.0):
-        matrix = taken(tmp_path, f"scale={factor}").affine(0.0)
-        assert matrix @ (7, 5, 1) == approx([factor * 7.5 - 0.5, factor * 5.5 - 0.5])
-
-
 @pytest.mark.parametrize(
     "view",
     [
@@ -124,12 +118,6 @@ def test_a_disc_lies_where_the_matrix_says(tmp_path, view: list[str]) -> None:
     found, matrix = seen(tmp_path, disc(x, y, r), *view)
     # borders of a whole disc: what is beside it is even, so its light is all there
     assert measured(found.rgb) == approx((*(matrix @ (x, y, 1)), r * matrix[0, 0]), abs=0.02)
-
-
-def test_the_point_that_is_zoomed_on_is_in_the_middle(tmp_path) -> None:
-    matrix = taken(tmp_path, "camera={center: [80, 60], zoom: 2}", "size=[300, 180]").affine(0.0)
-    assert matrix @ (80, 60, 1) == approx([149.5, 89.5])
-    assert matrix[0, 0] == approx(3.0)
 
 
 def test_a_slow_pan_does_not_tremble(tmp_path) -> None:
@@ -159,15 +147,6 @@ def test_whole_pixels_are_only_cut_out(tmp_path) -> None:
     assert matrix[:, 2] == approx([-20, 0])
 
 
-@pytest.mark.parametrize("factor", [0.5, 0.37, 0.25])
-def test_a_smaller_picture_has_the_same_light(tmp_path, bundled, factor: float) -> None:
-    photo = cv2.imread(str(bundled / "billiards" / "photo.png"))[..., ::-1]
-    found, _ = seen(tmp_path, photo, f"scale={factor}")
-    assert found.rgb.shape[1] == round(960 * factor)
-    gain = (decode(found.rgb).mean((0, 1)) - decode(photo).mean((0, 1))) * 255
-    assert np.abs(gain).max() < 0.5
-
-
 @pytest.mark.parametrize("factor", [0.4, 3])
 def test_no_line_is_drawn_beside_an_edge(tmp_path, factor: float) -> None:
     picture = np.full((H, W, 3), 40, np.uint8)
@@ -176,13 +155,6 @@ def test_no_line_is_drawn_beside_an_edge(tmp_path, factor: float) -> None:
     assert (found.rgb.min(), found.rgb.max()) == (40, 230)
     row = found.rgb[H // 4, :, 0].astype(int)
     assert (np.diff(row) >= 0).all()
-
-
-def test_fine_stripes_become_even_grey(tmp_path) -> None:
-    picture = np.zeros((H, W, 3), np.uint8)
-    picture[:, ::2] = 255
-    found, _ = seen(tmp_path, picture, "scale=0.4")
-    assert np.abs(decode(found.rgb)[:, 8:-8] - 0.5).max() < 0.02
 
 
 def test_ids_go_with_the_picture(tmp_path) -> None:
@@ -226,13 +198,6 @@ def test_zooming_in_keeps_one_point_still(tmp_path) -> None:
         assert through.affine(float(time)) @ (*still, 1) == approx(first @ (*still, 1), abs=1e-6)
     halfway = through.affine(0.5)
     assert halfway[0, 0] == approx(2.0), "zoom 1 to 4 is halfway at 2"
-
-
-def test_before_and_after_a_move_the_camera_rests(tmp_path) -> None:
-    through = taken(tmp_path, MOVE)
-    assert np.array_equal(through.affine(0.0), through.affine(0.1))
-    assert np.array_equal(through.affine(0.9), through.affine(5.0))
-    assert through.affine(0.4) @ (150, 80, 1) == approx([(W - 1) / 2, (H - 1) / 2])
 
 
 @pytest.mark.parametrize(("zoom", "size"), [(2.0, (W, H)), (3.0, (W, H)), (1.0, (80, 120))])
@@ -295,11 +260,6 @@ def test_slow_motion_holds_every_frame_of_the_true_speed(tmp_path) -> None:
         assert not np.array_equal(slowed[5].rgb, slowed[6].rgb)
 
 
-def test_slow_takes_the_place_of_frames(tmp_path) -> None:
-    found = scene(tmp_path, "slow=2", text=BALL + "render: {frames: 16}\n")
-    assert len(pipeline.compile(found, None).world.times) == 30
-
-
 @pytest.mark.parametrize("blur", [0.0, 0.5])
 @pytest.mark.parametrize("view", [(), ("camera=[{time: 0}, {time: 0.4, follow: ball, zoom: 2}]",)])
 def test_backward_is_the_same_film(tmp_path, blur: float, view: tuple[str, ...]) -> None:
@@ -312,42 +272,6 @@ def test_backward_is_the_same_film(tmp_path, blur: float, view: tuple[str, ...])
 
 
 # ---- finer ---------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    "shape", ["circle: {center: [12.3, 40.2], radius: 3}", "box: {center: [12.3, 40.2], size: [1.5, 50]}"]
-)
-def test_with_more_samples_a_pixel_a_thing_flickers_less(tmp_path, shape: str) -> None:
-    """How much of the ground it hides must not depend on where between the pixels it is."""
-    text = (
-        "physgen: 1\nsize: [80, 80]\nworld: {view: top, duration: 1}\nobjects:\n"
-        f"  moves: {{shape: {{{shape}}}, velocity: [40.1, 3]}}\n"
-        "  rests: {shape: {circle: {center: [70, 9], radius: 6.3}}}\n"
-    )
-    plain, *others = (clip(tmp_path, f"supersample={fine}", text=text) for fine in (1, 2, 4))
-    ground = decode(plain[0].rgb[1, 1])
-
-    def flicker(frames: list[Frame]) -> float:
-        hidden = [float((ground - decode(frame.rgb[:, :60])).sum()) for frame in frames[1:]]
-        return float(np.std(hidden) / np.mean(hidden))
-
-    for frames in others:
-        assert flicker(frames) < 0.8 * flicker(plain)
-        assert np.array_equal(frames[0].rgb, plain[0].rgb), "the first frame is as it was"
-        assert not np.array_equal(frames[7].rgb, plain[7].rgb)
-        assert all(np.array_equal(f.rgb[:16, 63:], plain[0].rgb[:16, 63:]) for f in frames), "what rests, too"
-
-
-def test_the_first_frame_is_the_photo_and_rest_is_rest(bundled) -> None:
-    found = pipeline.load(bundled / "billiards" / "scene.yaml", ["render.supersample=2"])
-    maps = pipeline.percepts(found)
-    compiled = pipeline.compile(found, maps)
-    trajectory = simulate(compiled.world, np.array([0.0, 0.02]))
-    first, second = pipeline.render(pipeline.stage(found, compiled, maps), trajectory)
-    assert np.array_equal(first.rgb, maps.rgb)
-    at_rest = (first.ids > 1) & (second.ids > 1)
-    assert np.array_equal(second.rgb[at_rest], maps.rgb[at_rest])
-    assert not np.array_equal(second.rgb, maps.rgb)
 
 
 def test_a_flat_scene_is_drawn_as_large_as_it_is_seen(tmp_path) -> None:

@@ -80,13 +80,6 @@ def test_at_rest_every_frame_is_the_photo(photo) -> None:
             assert set(np.unique(frame.ids)) == {0, 1, 2}
 
 
-def test_the_background_never_changes_where_no_object_is(photo) -> None:
-    moving = trajectory([(50 + 3.3 * k, 60 - 2.1 * k, 0.2 * k) for k in range(9)], [(90, 60, 0)] * 9)
-    for frame in render_frames(staged(photo), moving):
-        near = cv2.dilate((frame.ids > 0).astype(np.uint8), np.ones((11, 11))) > 0
-        assert np.array_equal(frame.rgb[~near], photo[3][~near])
-
-
 def test_nothing_stays_behind(photo) -> None:
     gone = trajectory([(50, 60, 0), (500, 60, 1)], [(90, 60, 0), (90, 900, 2)])
     *_, last = render_frames(staged(photo), gone)
@@ -147,13 +140,6 @@ def test_blending_happens_in_linear_light() -> None:
     )
     *_, frame = render_frames(stage, trajectory([(60, 60, 0), (60.5, 60, 0)]))
     assert abs(int(frame.rgb[60, 40, 0]) - 188) <= 1  # half the light is 188 in sRGB, not 128
-
-
-def test_layers_decide_who_covers_whom(photo) -> None:
-    meet = trajectory([(50, 60, 0), (70, 60, 0)], [(90, 60, 0), (70, 60, 0)])
-    for order in ((0, 1), (1, 0)):
-        *_, frame = render_frames(staged(photo, order), meet)
-        assert frame.ids[60, 70] == order[-1] + 1
 
 
 def test_a_mirrored_scene_gives_mirrored_frames(photo) -> None:

@@ -139,11 +139,6 @@ def test_normals_turn_with_a_thing_and_its_light_does_not(turn) -> None:
     assert found.ratio(0.0)[known] == pytest.approx(1.0, abs=1e-6)
 
 
-def test_a_flat_front_keeps_its_light() -> None:
-    flat = np.broadcast_to(np.array([0, 0, 1], np.float32), (20, 20, 3))
-    assert relief_of(flat, np.ones((20, 20), bool), SUN) is None
-
-
 def setting(light=SUN, softness=1.0, top=True, **rest):
     return ShadowSetting(
         light, softness, top, rest.get("tilt", 0.1), rest.get("backdrop", np.inf), (300, 300)
@@ -248,16 +243,6 @@ def test_beneath_a_thing_that_leans_the_sky_is_hidden() -> None:
     assert found == sorted(found, reverse=True)
 
 
-def test_a_thing_that_rises_leaves_the_floor_to_the_light() -> None:
-    shades = []
-    for height in (0.0, 20.0, 80.0):
-        found = shadow_darkness(
-            ball_at(150, 180 - height, 20.0, floor=200.0), setting(softness=8.0, top=False)
-        )
-        shades.append(float(found[1].max()))
-    assert shades[0] > shades[1] > shades[2] > 0
-
-
 # ---- whole scenes ------------------------------------------------------------------------------------------------
 
 
@@ -314,14 +299,6 @@ def test_a_shadow_goes_with_its_object(table) -> None:
     assert np.array_equal(last.rgb[far], photo[far])
 
 
-def test_shadows_false_leaves_all_as_it_was(table) -> None:
-    path, _, _ = table
-    _, last = frames(path, [0.0, 1.0], **{"render.shadows": "false"})
-    background = cv2.imread(str(path.parent / "photo.assets/background.png"))[..., ::-1]
-    cover = np.hypot(*np.mgrid[-100:100, -180:120]) < 32
-    assert np.array_equal(last.rgb[~cover], background[~cover])
-
-
 SCENES = sorted(path.parent.name for path in (Path(__file__).parents[2] / "scenes").glob("*/scene.yaml"))
 
 
@@ -335,15 +312,6 @@ def test_the_first_frame_is_the_photo_however_it_is_lit(name) -> None:
         still = simulate(compiled.world, np.array([0.0]))
         [frame] = pipeline.render(pipeline.stage(scene, compiled, maps), still)
         assert np.array_equal(frame.rgb, maps.rgb), (shadows, relight)
-
-
-@pytest.mark.parametrize("center", [(30.0, -60.0), (30.0, 30.0), (-80.0, 20.0)])
-def test_a_ball_of_which_little_is_seen_can_be_drawn(center) -> None:
-    photo, _, _ = sphere(100.0, center, (60, 60), np.eye(3))
-    light = DistantLight((0.3, 0.4, 0.866), 0.7, 0.35)
-    ball = ball_from_photo(np.minimum(photo + 0.3, 1), (0, 0), center, 100.0, light, View.TOP)
-    found = turned(ball, center, np.eye(3), (60, 60), (0, 0)) + ball.gloss
-    assert np.isfinite(found).all()
 
 
 def test_what_is_left_out_takes_its_shadow_along() -> None:

@@ -100,26 +100,6 @@ def test_a_disc_keeps_its_area_and_moves_by_what_it_is_moved(tmp_path: Path) -> 
         assert middle == approx(tuple(pose[:2]), abs=0.02)
 
 
-def test_a_rolling_ball_of_a_photo_keeps_its_circle() -> None:
-    clip = Clip(ROOT / "scenes/billiards/scene.yaml", "render.frames=12")
-    assert all(sprite.ball is not None for sprite in clip.stage.sprites)
-    whole = sum(float(sprite.coverage.sum()) for sprite in clip.stage.sprites)
-    first, *rolling = (float(found.sum()) for found in clip.coverage())
-    assert first == approx(whole, rel=0.01)  # some touch, and share pixels
-    assert rolling == approx([whole] * 11, rel=5e-4)
-
-
-def test_an_exposure_is_the_mean_of_its_moments(tmp_path: Path) -> None:
-    clip = Clip(written(tmp_path, BALL), blur=0.8)
-    assert clip.parts >= 4
-    sharp = [matte_coverage(frame) for frame in pipeline.render(matte_stage(clip.stage), clip.fine)]
-    found = clip.coverage()
-    assert len(sharp) == clip.parts * len(found)
-    for k, one in enumerate(found):
-        moments = sharp[k * clip.parts : (k + 1) * clip.parts]
-        assert np.abs(one - np.mean(moments, axis=0)).max() < 2 * CODE
-
-
 @pytest.mark.parametrize(
     ("edits", "blur"),
     [
@@ -161,24 +141,6 @@ def test_a_frame_shows_as_much_of_the_background_as_coverage_leaves(tmp_path: Pa
         assert not difference[inside(found)].any()
 
 
-@pytest.mark.parametrize("name", ["billiards", "dominoes"])
-def test_so_does_a_photo_whose_background_is_painted_over(name: str) -> None:
-    edits = ["render.shadows=false", "render.frames=5"]
-    clip = Clip(ROOT / "scenes" / name / "scene.yaml", *edits)
-    photo = clip.stage.background
-    painted = cv2.GaussianBlur(photo, (0, 0), 5) // 2 + 40
-    apart = decode(photo) - decode(painted)
-    pairs = zip(
-        clip.frames(), clip.frames(replace(clip.stage, background=painted)), clip.coverage(), strict=True
-    )
-    for a, b, found in pairs:
-        difference = decode(a.rgb) - decode(b.rgb)
-        cut = (np.minimum(a.rgb, b.rgb) == 0) | (np.maximum(a.rgb, b.rgb) == 255)  # light below 0 or above 1
-        off = np.abs(difference - (1 - found[..., None]) * apart)[~cut]
-        assert off.max() < 2 * CODE
-        assert not difference[inside(found)].any()
-
-
 def test_what_the_scene_leaves_out_and_what_bounds_it_is_background(tmp_path: Path) -> None:
     labels = np.zeros((120, 160), np.uint8)
     cv2.circle(labels, (40, 50), 15, 1, -1)  # the object
@@ -205,15 +167,6 @@ boundaries: {floor: {mask: 3}}
     for found in clip.coverage():
         assert not found[110:].any(), "the floor"
         assert not found[:, 80:].any(), "what is left out"
-
-
-@pytest.mark.parametrize("shadows", ["true", "false"])
-def test_without_objects_nothing_is_covered(tmp_path: Path, shadows: str) -> None:
-    text = "physgen: 1\nsize: [64, 48]\nobjects: {}\nworld: {duration: 0.1}\n"
-    clip = Clip(written(tmp_path, text), f"render.shadows={shadows}")
-    found = clip.coverage()
-    assert len(found) == len(clip.take.order) > 0
-    assert not np.any(found)
 
 
 def test_torch_draws_the_same_coverage() -> None:

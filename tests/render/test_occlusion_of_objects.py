@@ -74,12 +74,3 @@ def test_as_much_light_is_lost_as_comes_straight() -> None:
 
 def test_things_of_one_height_throw_nothing_on_each_others_tops() -> None:
     assert not occluders([slab(100, 100, 40, 40, 20), slab(60, 60, 39, 39, 20)], setting(True))
-
-
-def test_shadows_fall_away_from_the_light() -> None:
-    reach = occluders([ball(100, 100, 20), ball(150, 140, 20)], setting(True))
-    assert reach == {1: [0]}, "the light comes from the upper left"
-
-
-def test_who_stands_far_off_throws_nothing() -> None:
-    assert not occluders([ball(100, 100, 20), ball(300, 300, 20)], setting(False))

@@ -95,24 +95,6 @@ def test_an_exposure_is_the_same_mean(device: str) -> None:
         assert_same(render_frames_torch(stage, trajectory, device=device, batch=batch, parts=4), expected, 3)
 
 
-@pytest.mark.parametrize("device", DEVICES)
-def test_how_many_are_drawn_at_a_time_changes_nothing(device: str) -> None:
-    stage, trajectory, _ = staged("dominoes/scene.yaml")
-    alone, together = (
-        list(render_frames_torch(stage, trajectory, device=device, batch=batch)) for batch in (1, 6)
-    )
-    for a, b in zip(alone, together, strict=True):
-        assert np.abs(a.rgb.astype(int) - b.rgb).max() <= 1
-        assert np.array_equal(a.ids, b.ids)
-
-
-def test_batches_fit_into_memory() -> None:
-    cpu = torch.device("cpu")
-    assert torch_frames._fitting(64 * 48, cpu) == torch_frames.MOST
-    assert 1 < torch_frames._fitting(1920 * 1080, cpu) < 8
-    assert torch_frames._fitting(10**8, cpu) == 1
-
-
 @pytest.fixture
 def lesson(tmp_path: Path) -> Path:
     path = tmp_path / "lesson.yaml"

@@ -46,11 +46,6 @@ def test_draws_are_distributed_as_scipy_has_it(parameter: str, value: float, sur
         assert known.cdf(at) == pytest.approx(stats.norm.cdf(z), abs=1e-9)
 
 
-def test_masses_are_log_normal() -> None:
-    drawn = draw_values([of("mass", 170.0, 0.6)], 1, MANY)[:, 0]
-    assert stats.kstest(drawn, stats.lognorm(-np.log(0.6), scale=170.0).cdf).pvalue > 1e-3
-
-
 def test_what_is_known_to_be_reached_is() -> None:
     """A half-normal distribution of the logarithm."""
     found = spread("friction", 0.67, 0.5, at_least=True)

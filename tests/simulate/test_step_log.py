@@ -67,12 +67,6 @@ def test_what_was_kept_is_what_would_be_run(tmp_path: Path, text: str) -> None:
         assert told.effort == run.effort
 
 
-def test_keeping_changes_nothing(tmp_path: Path) -> None:
-    made = world(tmp_path, BUSY)
-    one, other = simulate(made).as_arrays(), simulate(made, tape=StepLog()).as_arrays()
-    assert all(np.array_equal(one[name], other[name]) for name in one)
-
-
 def test_a_run_goes_on_for_who_asks_for_later(tmp_path: Path) -> None:
     made, tape = world(tmp_path, BUSY), StepLog()
     short = simulate(made, MOMENTS[:40], tape=tape)

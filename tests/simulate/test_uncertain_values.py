@@ -72,12 +72,6 @@ def test_what_a_person_set_is_certain(
     assert paths(load(tmp_path, BASE, overrides, variant), variant) == ALL - gone
 
 
-def test_what_a_later_file_says_is_certain(tmp_path: Path) -> None:
-    (tmp_path / "base.yaml").write_text(BASE)
-    text = "extends: base.yaml\nobjects: {ball: {mass: 9}, other: {mass: 30, from: {mass: by eye 0.5}}}\n"
-    assert paths(load(tmp_path, text)) == ALL - {"ball.mass"}
-
-
 def test_draws_are_their_own(tmp_path: Path) -> None:
     """The k-th draw is the same however many there are, whoever else is there, in whatever order."""
     scene = load(tmp_path)

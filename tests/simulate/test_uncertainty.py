@@ -110,23 +110,6 @@ forces: [{object: ball, impulse: [6000, 0]}]
     assert told.radius == pytest.approx(off[53], abs=1.0), "9 of 10 are within"
 
 
-def test_things_keep_their_motion_when_another_goes(tmp_path: Path) -> None:
-    """Counterfactual: two balls that never meet."""
-    text = """\
-physgen: 1
-size: [300, 120]
-world: {duration: 0.6}
-objects:
-  a: {shape: {circle: {center: [40, 60], radius: 8}}, mass: 9, elasticity: 0.5, from: {elasticity: table 0.3}}
-  b: {shape: {circle: {center: [240, 40], radius: 8}}, mass: 9, elasticity: 0.7, from: {elasticity: table 0.5}}
-boundaries: {floor: {segment: [[0, 110], [299, 110]], elasticity: 0.6}}
-"""
-    both, alone = made(tmp_path, text, 6), made(tmp_path, text, 6, 0, ["objects.a=null"])
-    assert np.array_equal(both.poses[:, :, 1], alone.poses[:, :, 0])
-    bounced = 110 - 8 - both.poses[:, -1, 0, 1]
-    assert np.ptp(bounced) > 3, "and each draw bounces as high as its elasticity lets it"
-
-
 HEAD = "physgen: 1\nsize: [240, 160]\nworld: {duration: 0.8}\n"
 DOUBT = "from: {mass: table 0.4}"
 SCENES = {
@@ -173,14 +156,6 @@ def test_fates_are_called_by_their_names(tmp_path: Path, name: str) -> None:
     text, fate = SCENES[name]
     found = made(tmp_path, HEAD + text, 2)
     assert {Fate(int(one.fates[0])) for one in (found.own, *found.outcomes)} == {fate}
-
-
-def test_on_a_table_seen_from_above_nothing_falls(tmp_path: Path) -> None:
-    text = HEAD.replace("world: {", "world: {view: top, table: {friction: 0.1}, ")
-    text += "objects: {it: {shape: {box: {center: [60, 40], size: [20, 10]}}, mass: 9, velocity: [0, 90], spin: 400, "
-    found = made(tmp_path, text + DOUBT + "}}\n", 2)
-    assert {int(one.fates[0]) for one in found.outcomes} == {Fate.MOVES}
-    assert abs(found.own.final[0, 2]) > radians(45)
 
 
 def test_a_draw_that_cannot_be_simulated_is_told(tmp_path: Path) -> None:

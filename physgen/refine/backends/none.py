@@ -41,10 +41,6 @@ class Nothing:
         for frame in latents:
             yield frame.transpose(1, 2, 0)[None]
 
-    def fits(self, side: int, frames: int) -> bool:
-        """It has no model."""
-        return True
-
     def note(self) -> Mapping[str, Any]:
         """Nothing to record."""
         return {}

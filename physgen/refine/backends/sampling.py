@@ -6,7 +6,6 @@ steps cannot disturb one another.
 
 from __future__ import annotations
 
-import hashlib
 import importlib.util
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -27,7 +26,6 @@ from physgen.perceive.backends.models import (
     Flag,
     Option,
     as_dtype,
-    as_word,
     device_of,
     dtype_of,
     free_memory,
@@ -45,12 +43,8 @@ from physgen.refine.latents import frames_held, latent_frames
 from physgen.registry import Setup, find, hub_cache
 
 REFINE = Flag("--refine", "NAME:PATH")
-NAMES = {"AnimateDiff": "animatediff", "Wan": "wan", "CogVideoX": "cogvideox"}
-"""What names of pipelines begin with -> the backend that they are for."""
 LIBRARIES = ("diffusers", "transformers")
 """Whose classes the parts of a pipeline may be."""
-HEAD = 1 << 20
-"""Bytes of each file that its folder's digest reads."""
 FULL = 0.7
 """Of a GPU's free memory that weights may take before they are moved there in turn only."""
 
@@ -86,12 +80,9 @@ def load_pipeline(kind: Any, weights: str, dtype: torch.dtype, what: str, vae: A
 
 def check_pipeline_class(weights: str, found: str, known: tuple[str, ...], what: str) -> None:
     """Raises InputError where the pipeline `found` is none of those `known`."""
-    if found in known:
-        return
-    name = next((name for start, name in NAMES.items() if found.startswith(start)), None)
-    own = next((row for start, row in NAMES.items() if known[0].startswith(start)), None)
-    fix = f"write {name}:{weights}" if name and name != own else f"name weights of a {known[0]}"
-    raise InputError.of(REFINE.name, f'"{weights}"', f"is a {found}: not for {what}", fix)
+    if found not in known:
+        fix = f"name weights of a {known[0]}, or the backend of these"
+        raise InputError.of(REFINE.name, f'"{weights}"', f"is a {found}: not for {what}", fix)
 
 
 def weight_names(name: str, given: str) -> tuple[str, ...]:
@@ -111,26 +102,9 @@ def weight_names(name: str, given: str) -> tuple[str, ...]:
 
 
 def revision(weights: str) -> str:
-    """Which weights exactly: the hub's commit; of a folder, a digest of names, sizes and the head of each file."""
-    path = Path(weights).expanduser()
-    if path.exists():
-        return f"sha256:{_digest(path)}"
-    home = hub_cache() / f"models--{weights.replace('/', '--')}"
-    main = home / "refs" / "main"
-    if main.is_file():
-        return main.read_text(encoding="utf-8").strip()
-    return max((found.name for found in (home / "snapshots").glob("*")), default="")
-
-
-def _digest(path: Path) -> str:
-    digest = hashlib.sha256()
-    files = sorted(file for file in path.rglob("*") if file.is_file()) if path.is_dir() else [path]
-    for file in files:
-        name = file.relative_to(path).as_posix() if file != path else file.name
-        digest.update(f"{name}\0{file.stat().st_size}\0".encode())
-        with file.open("rb") as bytes_of:
-            digest.update(bytes_of.read(HEAD))
-    return digest.hexdigest()
+    """Which weights exactly: the hub's commit; `""` of a folder."""
+    main = hub_cache() / f"models--{weights.replace('/', '--')}" / "refs" / "main"
+    return main.read_text(encoding="utf-8").strip() if main.is_file() else ""
 
 
 def may_offload(table: str, offload: str, device: str) -> None:
@@ -240,15 +214,13 @@ U8 = NDArray[np.uint8]
 OPTIONS: dict[str, Option] = {
     "resolution": whole_number(None, 16),
     "window": whole_number(None, 1),
-    "tiling": one_of("auto", "on", "off"),
     "offload": one_of("auto", "none", "model", "sequential"),
 }
 """Each backend's table of physgen.toml.
 
 `resolution`: px, the side of the square whose area the model is shown at most; `window`: frames that it sees at a
-time; both as it was trained if left out. `tiling`: whether its VAE goes through frames in pieces; auto: where they are
-larger than it was trained on. `offload`: whether its parts are on the GPU only while they are needed (model, by parts
-of parts: sequential); auto: where they fill most of its memory.
+time; both as it was trained if left out. `offload`: whether its parts are on the GPU only while they are needed
+(model, by parts of parts: sequential); auto: where they fill most of its memory.
 """
 
 
@@ -327,7 +299,6 @@ class Sampler:
         """Raises InputError for a device, a type, options or weights that cannot be; no weights are loaded yet."""
         self._kind = kind
         self._options = read_options(setup, kind.name, OPTIONS)
-        self._options["tiling"] = as_word(self._options["tiling"])
         self._weights = weight_names(kind.name, setup.weights)
         self._device = device_of(setup)
         self._dtype = dtype_of(setup, self._device)
@@ -375,7 +346,9 @@ class Sampler:
         """See `Denoiser`."""
         network = self._network
         with memory_errors():
-            self._tile(network.pipe.vae, frames[0].shape[0] * frames[0].shape[1])
+            vae = network.pipe.vae
+            self._tiled = frames[0].shape[0] * frames[0].shape[1] > self._trained.grid.area
+            vae.enable_tiling() if self._tiled else vae.disable_tiling()
             guidance = self._kind.guidance if prompt.guidance is None else prompt.guidance
             text = network.encode_text(prompt.prompt)
             negative = network.encode_text(prompt.negative) if guidance > 1 else None
@@ -384,14 +357,6 @@ class Sampler:
             latents = _array(network.encode(_video(frames)))
             network.pipe.maybe_free_model_hooks()  # and that to what denoises
         return latents
-
-    def _tile(self, vae: Any, area: int) -> None:
-        choice = self._options["tiling"]
-        self._tiled = area > self._trained.grid.area if choice == "auto" else choice == "on"
-        if self._tiled:
-            vae.enable_tiling()
-        else:
-            vae.disable_tiling()
 
     def noised(self, latents: F32, noise: F32, k: int) -> F32:
         """See `Denoiser`."""
@@ -429,23 +394,6 @@ class Sampler:
                 return
             yield frames
 
-    def fits(self, side: int, frames: int) -> bool:
-        """See `Denoiser`: a video of nothing is begun, stepped once and decoded."""
-        free_memory()
-        under_way, nothing = self._run, np.zeros((side, side, 3), np.uint8)
-        try:
-            latents = self.begin(
-                [nothing] * frames_held(frames, self.grid), PromptSettings("", "", None), 1, 1
-            )
-            self.predict(latents[: self.grid.window], 0, 0)
-            for _ in self.decode(latents):
-                pass
-        except MemoryError:
-            return False
-        finally:
-            self._run = under_way
-        return True
-
     def note(self) -> Mapping[str, Any]:
         """For the record."""
         run = self._run
@@ -453,17 +401,13 @@ class Sampler:
             **self._options,
             "offload": self._offload or self._options["offload"],
             "tiling": self._tiled,
-            "revision": ",".join(self._revisions),
+            "revision": ",".join(map(revision, self._weights)),
             "scheduler": run.schedule.name if run else "",
             "guidance": run.guidance if run else None,
             "torch": torch.__version__,
             "diffusers": diffusers.__version__,
         }
         return run_note(self._device, self._dtype, ",".join(self._weights), note)
-
-    @cached_property
-    def _revisions(self) -> list[str]:
-        return [revision(weights) for weights in self._weights]
 
     def close(self) -> None:
         """The model goes."""
