@@ -87,9 +87,9 @@ def made(rng: Rng, fault: str | None, fps: float, seconds: float = 1.6) -> Track
         places = found
     n = len(balls.radii)
     return Tracks(
-        "balls", times, tuple(f"ball {k + 1}" for k in range(n)), places, np.full(places.shape[:2], np.nan),
-        tuple(Outline(float(r), float(r), float(r) * np.sqrt(0.4)) for r in balls.radii),
-        balls.masses, True, View.TOP if top else View.SIDE, 0.02, "balls in closed form", flat=False,
+        "balls", times, tuple(f"ball {k + 1}" for k in range(n)), places, None,
+        tuple(Outline(float(r), float(r)) for r in balls.radii), View.TOP if top else View.SIDE, 0.02,
+        "balls in closed form", balls.masses,
     )  # fmt: skip
 
 

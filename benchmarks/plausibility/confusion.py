@@ -7,7 +7,7 @@ from math import hypot
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from physgen.evaluate.measure import Bar, Figure, Findings, Section, Table
-from physgen.evaluate.plausibility.evidence import EVEN
+from physgen.evaluate.plausibility.judge import EVEN
 from physgen.simulate.uncertainty_summary import wilson
 
 from .balls import FREE

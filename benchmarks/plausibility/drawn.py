@@ -8,8 +8,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from physgen.evaluate.plausibility.array_tracks import SHAKE, Ids, gathered, tracked
-from physgen.evaluate.plausibility.tracks import Tracks
+from physgen.evaluate.plausibility.tracks import Ids, Tracks, from_maps
 
 LARGEST = 1024
 """px of a picture's side; what goes beyond is cut, as it is in a film."""
@@ -19,18 +18,8 @@ BITS = 4
 
 def from_drawn(tracks: Tracks) -> Tracks:
     """What is known from ids alone: no angles, no outlines but discs, nothing of what is hidden."""
-    ids, places, forms, areas = tracked(gathered(_maps(tracks)))
-    return replace(
-        tracks,
-        names=tuple(tracks.names[one - 1] for one in ids),
-        places=places,
-        angles=np.full(places.shape[:2], np.nan),
-        forms=forms,
-        masses=areas,
-        weighed=False,
-        floor=SHAKE,
-        source="masks",
-    )
+    seen = from_maps(tracks.name, _maps(tracks), 1 / tracks.step, tracks.view)
+    return replace(seen, times=tracks.times, given=tracks.given, flat=tracks.flat)
 
 
 def _maps(tracks: Tracks) -> Iterator[Ids]:
@@ -48,9 +37,10 @@ def _maps(tracks: Tracks) -> Iterator[Ids]:
                 continue
             if form.round:
                 center = round(x * 2**BITS), round(y * 2**BITS)
-                cv2.circle(ids, center, round(form.core * 2**BITS), k + 1, cv2.FILLED, cv2.LINE_8, BITS)
+                cv2.circle(ids, center, round(form.reach * 2**BITS), k + 1, cv2.FILLED, cv2.LINE_8, BITS)
                 continue
-            c, s = np.cos(tracks.angles[frame, k]), np.sin(tracks.angles[frame, k])
+            angle = 0.0 if tracks.angles is None else tracks.angles[frame, k]
+            c, s = np.cos(angle), np.sin(angle)
             for piece in form.pieces:
                 points = piece @ np.array([[c, s], [-s, c]]) + (x, y)
                 cv2.fillConvexPoly(ids, np.rint(points * 2**BITS).astype(np.int32), k + 1, cv2.LINE_8, BITS)

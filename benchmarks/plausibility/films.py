@@ -13,9 +13,7 @@ Rng = np.random.Generator
 
 def stranger(tracks: Tracks) -> Tracks:
     """As anybody's: no walls, pushes or joints are known; masses neither."""
-    return replace(
-        tracks, given=Known(), masses=np.array([max(f.reach, 1.0) ** 2 for f in tracks.forms]), weighed=False
-    )
+    return replace(tracks, given=Known(), masses=None)
 
 
 def weighed(tracks: Tracks) -> Tracks:
@@ -28,8 +26,6 @@ def shaken(tracks: Tracks, sigma: float, rng: Rng) -> Tracks:
     if sigma == 0:
         return tracks
     reach = np.array([max(form.reach, 4.0) for form in tracks.forms])
-    return replace(
-        tracks,
-        places=tracks.places + rng.normal(0, sigma, tracks.places.shape),
-        angles=tracks.angles + rng.normal(0, 1, tracks.angles.shape) * sigma / reach,
-    )
+    places = tracks.places + rng.normal(0, sigma, tracks.places.shape)
+    turned = rng.normal(0, 1, tracks.places.shape[:2]) * sigma / reach
+    return replace(tracks, places=places, angles=None if tracks.angles is None else tracks.angles + turned)

@@ -10,11 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from physgen import pipeline
-from physgen.evaluate.plausibility.array_tracks import from_scene, from_world
 from physgen.evaluate.plausibility.judge import Verdict, judge
-from physgen.evaluate.plausibility.reading import read
-from physgen.evaluate.plausibility.request import Request
-from physgen.evaluate.plausibility.tracks import Tracks
+from physgen.evaluate.plausibility.tracks import Tracks, from_scene, from_world, read
 from physgen.scene.load import raw_document
 
 from .confusion import counted
@@ -42,9 +39,7 @@ def scenes() -> list[dict]:
             "score": verdict.overall,
             "asked": {},
         }
-        row["asked"] = {
-            name: len(asked.evidence) for name, asked in verdict.answers.items() if asked.evidence
-        }
+        row["asked"] = {name: len(found) for name, found in verdict.answers.items() if found}
         row["faults"] = [f"{name}: {evidence.text}" for name, evidence in verdict.faults()[:3]]
         rows.append(row | {"score": None if row["score"] is None else round(row["score"], 4)})
     return rows
@@ -67,7 +62,7 @@ def studio() -> list[dict]:
         name = path.parent.parent.name
         posed = _posed(told["scene"], (), told["times_s"], told["objects"])
         rows.append(_row(f"{name}, film", "poses", [judge(posed)]))
-        masks = read(path.parent, Request(fps=fps, view=view))
+        masks = read(path.parent, fps, view)
         rows.append(_row(f"{name}, film", "masks", [judge(tracks, without=("overlap",)) for tracks in masks]))
     for path in sorted((ROOT / "studio/truth").glob("*/clips/clips.json")):
         told = json.loads(path.read_text())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -10,9 +9,8 @@ from functools import partial
 
 import numpy as np
 
-from physgen.evaluate.plausibility.array_tracks import from_world
 from physgen.evaluate.plausibility.judge import Verdict, judge
-from physgen.evaluate.plausibility.tracks import Tracks
+from physgen.evaluate.plausibility.tracks import Tracks, from_world
 from physgen.simulate.engine import simulate
 
 from . import balls, families, faults, films
@@ -90,7 +88,7 @@ def _one(job: tuple[str, int, int]) -> list[Said]:
 def _said(
     source: str, family: str, fault: str, seed: int, fps: float, tracker: str, verdict: Verdict
 ) -> Said:
-    deviations = {n: float(a.deviation) for n, a in verdict.answers.items() if a.evidence}
+    deviations = {name: found[0].deviation for name, found in verdict.answers.items() if found}
     return Said(source, family, fault, seed, fps, tracker, verdict.overall, deviations)
 
 
@@ -114,8 +112,3 @@ def _closed(rng: np.random.Generator, fps: float) -> Iterator[tuple[str, Tracks]
             if tracks is not None:
                 yield fault or RIGHT, tracks
                 break
-
-
-def processors() -> int:
-    """Of this machine."""
-    return os.cpu_count() or 1

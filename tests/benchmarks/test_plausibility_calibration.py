@@ -11,8 +11,8 @@ from plausibility.films import stranger
 from plausibility.pieces import in_two
 from plausibility.trial import Said
 
-from physgen.evaluate.plausibility.array_tracks import from_world
 from physgen.evaluate.plausibility.judge import judge
+from physgen.evaluate.plausibility.tracks import from_world
 from physgen.simulate.engine import simulate
 
 pytestmark = pytest.mark.slow

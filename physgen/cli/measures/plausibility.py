@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from physgen.cli.arguments import positive
-from physgen.cli.measures.output import hand_over
+from physgen.cli.measures.output import add_output, hand_over
 from physgen.cli.output import Bar
 
 ABOUT = "Physics judged without truth: does motion obey one gravity, keep momentum, never jump?"
@@ -21,8 +21,8 @@ def add(parser: argparse.ArgumentParser) -> None:
         metavar="CLIP",
         nargs="+",
         type=Path,
-        help="clips that physgen rendered, a scene file, or tracks of any video: MOT (gt.txt), a CSV of "
-        "frame,name,x,y[,angle,radius], or a folder of PNG masks",
+        help="clips that physgen rendered, a scene file, or tracks of any video: a CSV of frame,name,x,y[,radius], or "
+        "a folder of PNG masks",
     )
     parser.add_argument(
         "--fps", type=positive, help="frames a second of tracks that do not say it; default: 30"
@@ -31,27 +31,11 @@ def add(parser: argparse.ArgumentParser) -> None:
         "--view", choices=("side", "top"), default="side", help="of tracks that do not say it; default: side"
     )
     parser.add_argument(
-        "--mass",
-        metavar="NAME=G",
-        action="append",
-        default=[],
-        type=mass,
-        help="what a body weighs; areas by default",
-    )
-    parser.add_argument(
         "--held",
         metavar="NAME",
         action="append",
         default=[],
-        help="a body on a rope or in a hand: only jumps are asked",
-    )
-    parser.add_argument(
-        "--pushed",
-        metavar="NAME@A-B",
-        action="append",
-        default=[],
-        type=push,
-        help="the caller pushes it from A to B seconds, e.g. ball@0.5-0.8",
+        help="a body on a rope or in a hand: only jumps and overlap are asked",
     )
     parser.add_argument(
         "--skip",
@@ -60,35 +44,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         default=(),
         help=f"questions to leave out, of {','.join(QUESTIONS)}: overlap, where bodies pass before each other",
     )
-    parser.add_argument(
-        "--noise", metavar="PX", type=positive, help="of the tracks; estimated from them by default"
-    )
-    parser.add_argument(
-        "-o", "--output", metavar="DIR", type=Path, help="write a page with plots in this folder"
-    )
-
-
-def mass(text: str) -> tuple[str, float]:
-    """`ball=170`."""
-    name, _, number = text.rpartition("=")
-    if not name:
-        raise argparse.ArgumentTypeError(f"{text} is not NAME=G, e.g. ball=170")
-    return name, positive(number)
-
-
-def push(text: str) -> tuple[str, float, float]:
-    """`ball@0.5-0.8`, or `ball` for all the time."""
-    name, at, span = text.rpartition("@")
-    if not at:
-        return text, 0.0, float("inf")
-    start, _, end = span.partition("-")
-    try:
-        times = float(start), float(end or start)
-    except ValueError:
-        times = (1.0, 0.0)
-    if not name or not 0 <= times[0] <= times[1]:
-        raise argparse.ArgumentTypeError(f"{text} is not NAME@FROM-UNTIL in seconds, e.g. ball@0.5-0.8")
-    return name, *times
+    add_output(parser)
 
 
 def questions(text: str) -> tuple[str, ...]:
@@ -104,25 +60,16 @@ def questions(text: str) -> tuple[str, ...]:
 
 def run(options: argparse.Namespace) -> int:
     from physgen.evaluate.measure import check_folder
-    from physgen.evaluate.plausibility.judge import Verdict, judge
-    from physgen.evaluate.plausibility.reading import read
-    from physgen.evaluate.plausibility.report import summary
-    from physgen.evaluate.plausibility.request import Request
+    from physgen.evaluate.plausibility.judge import Verdict, findings, judge
+    from physgen.evaluate.plausibility.tracks import read
     from physgen.scene.scene import View
 
-    check_folder(options.output)
-    if options.output:
-        from physgen.report.plots.style import require_matplotlib
-
-        require_matplotlib()
-    asked = Request(
-        options.fps, View(options.view), dict(options.mass), tuple(options.held), tuple(options.pushed)
-    )
+    check_folder(options.output, plots=True)
     bar = Bar()
     verdicts: list[Verdict] = []
     for path in options.clips:
-        for tracks in read(path, asked):
+        for tracks in read(path, options.fps, View(options.view)):
             bar.show(tracks.name, len(verdicts), len(verdicts) + 1)
-            verdicts.append(judge(asked.applied(tracks), options.noise, options.skip))
+            verdicts.append(judge(tracks.holding(options.held), options.skip))
     bar.clear()
-    return hand_over(summary(verdicts, plots=options.output is not None), options)
+    return hand_over(findings(verdicts, plots=options.output is not None), options)

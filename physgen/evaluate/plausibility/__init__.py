@@ -1,1 +1,1 @@
-"""Is the motion in a clip physically possible? Tracks in, scores with their reasons out; no truth needed."""
+"""Is the motion of a clip physically possible? Judged from the paths of its objects, without truth."""

@@ -1,23 +1,108 @@
-"""Segments of constant acceleration in each track, and the changes of velocity between them."""
+"""Segments of constant acceleration in each track, the impacts between them, and distances between bodies."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import pairwise
-from typing import NamedTuple
+from math import comb
 
 import numpy as np
+from numpy.typing import NDArray
 
-from physgen.evaluate.plausibility.clearance import Clearance
-from physgen.evaluate.plausibility.tracks import Array, Tracks, noise, runs
+from physgen.evaluate.plausibility.tracks import Array, Tracks
+from physgen.scene.scene import View
 
-PRICE = 30.0
-"""Of a piece, in squared noise: six numbers are fitted, and its border is chosen among many."""
-LONGEST = 90
-"""Frames: what is longer is cut, which harms no one."""
-FEWEST = 4
-"""Frames that tell a velocity: one more than an acceleration's three numbers."""
+
+@dataclass(frozen=True)
+class Tuning:
+    """Chosen on the calibration in benchmarks/plausibility."""
+
+    orders: tuple[int, int] = (3, 5)
+    """Of differences that give the noise: third ones see few impacts; fifth ones see no swinging either."""
+    clearly: float = 0.6
+    """The fifth are taken where they give so much less."""
+    to_sigma: float = 1.4826
+    """Median of |x| -> standard deviation, of a normal distribution."""
+    price: float = 30.0
+    """Of a segment, in squared noise: six numbers are fitted, and its border is chosen among many."""
+    longest: int = 90
+    """Frames of a segment."""
+    fewest: int = 4
+    """Frames that give a velocity: one more than an acceleration's three numbers."""
+    sure: float = 4.0
+    """Standard deviations of a change of velocity."""
+    smooth: float = 3.0
+    """Times what accelerations around it make in the same time: a change of velocity beyond it is sudden."""
+    widest: int = 4
+    """Frames between two segments, at most, that still are one impact."""
+    parted: int = 12
+    """Frames on each side of an impact that did not show, at most, that show how much it can have been."""
+    same: float = 1.0
+    """Frames within which turns of two bodies are one impact."""
+    late: float = 2.5
+    """Frames within which they may have been one, where they are not known well."""
+    missed: float = 0.12
+    """Of what the change of velocity makes in a frame: by so much paths may miss each other."""
+    resting: float = 0.3
+    """Of the speed after an impact: what came slower was probably hit by something."""
+    flight: int = 6
+    """Frames of a flight, at least."""
+    shortest: float = 0.18
+    """s of a flight."""
+    plumb: float = 0.17
+    """Sine of the angle to the vertical within which what falls straight may fly; else it may slide."""
+    sides: int = 64
+    """Of the polygon that stands for a disc beside other shapes."""
+
+
+TUNING = Tuning()
+
+
+def runs(seen: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """First and last + 1 of each run of frames without a gap.
+
+    >>> runs(np.array([True, True, False, True]))
+    [(0, 2), (3, 4)]
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], seen, [False]]).astype(np.int8)))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+# ---- noise -------------------------------------------------------------------------------------------------------
+
+
+def noise(tracks: Tracks) -> Array:
+    """(N,) px, standard deviation along each axis, at least `tracks.floor`.
+
+    The median takes no notice of impacts, as long as they are few. A body at rest gives nothing: centroids of pixels
+    shake only as they move. Where nothing is known, the median of the others is taken.
+    """
+    own = np.array([_noise(tracks, k) for k in range(len(tracks.names))])
+    typical = float(np.median(own[np.isfinite(own)])) if np.isfinite(own).any() else tracks.floor
+    own = np.where(np.isfinite(own), own, typical)
+    return np.asarray(np.maximum(np.clip(own, typical / 2, None), tracks.floor))
+
+
+def _noise(tracks: Tracks, body: int) -> float:
+    """px; NaN where nothing is known."""
+    found = []
+    for order in TUNING.orders:
+        parts = [np.empty((0, 2))]
+        for first, last in runs(tracks.seen[:, body]):
+            path = tracks.places[first:last, body]
+            if len(path) > order:
+                moved = np.hypot(*(path[order:] - path[:-order]).T) > 2 * tracks.floor
+                parts.append(np.abs(np.diff(path, order, axis=0))[moved])
+        values = np.concatenate(parts)
+        spread = np.sqrt(sum(comb(order, k) ** 2 for k in range(order + 1)))
+        known = len(values) > TUNING.fewest
+        found.append(TUNING.to_sigma * float(np.median(values)) / spread if known else np.nan)
+    third, fifth = found
+    return fifth if fifth < TUNING.clearly * third else third
+
+
+# ---- segments ----------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,10 +118,10 @@ class Segment:
     """(3, 2): place px, velocity px/s, acceleration px/s², at the middle."""
     spread: Array
     """(3, 3): covariance of the terms, along each axis; infinite where frames are too few."""
-    jerk: Array
-    """(2,) px/s³ of a cubic in its place."""
-    jerk_error: float
-    residual: float
+    bend: float = 0.0
+    """px/s² by which a cubic's acceleration changes over half of it."""
+    bend_error: float = np.inf
+    residual: float = 0.0
     """Root mean square of what is left, over the noise; 0 where nothing can be."""
 
     @property
@@ -47,70 +132,51 @@ class Segment:
     @property
     def good(self) -> bool:
         """Whether it has a velocity."""
-        return self.count >= FEWEST
+        return self.count >= TUNING.fewest
 
-    @property
-    def acceleration(self) -> Array:
-        """(2,) px/s²."""
-        return np.asarray(self.terms[2])
+    def at(self, time: float, order: int = 0) -> Array:
+        """(2,): place px, velocity px/s or acceleration px/s² (`order` 0, 1, 2)."""
+        return np.asarray(_row(time - self.middle, order) @ self.terms)
 
-    @property
-    def acceleration_error(self) -> float:
-        """px/s², standard deviation along each axis."""
-        return float(np.sqrt(self.spread[2, 2]))
+    def error(self, time: float, order: int = 0) -> float:
+        """Standard deviation of `at` along each axis."""
+        if not np.isfinite(self.spread).all():
+            return np.inf
+        row = _row(time - self.middle, order)
+        return float(np.sqrt(max(float(row @ self.spread @ row), 0.0)))
 
-    def place(self, time: float) -> Array:
-        """(2,) px."""
-        s = time - self.middle
-        return np.asarray(self.terms[0] + s * self.terms[1] + s * s / 2 * self.terms[2])
 
-    def place_error(self, time: float) -> float:
-        """px."""
-        s = time - self.middle
-        return _error(np.array([1.0, s, s * s / 2]), self.spread)
-
-    def velocity(self, time: float) -> Array:
-        """(2,) px/s."""
-        return np.asarray(self.terms[1] + (time - self.middle) * self.terms[2])
-
-    def velocity_error(self, time: float) -> float:
-        """px/s, standard deviation along each axis."""
-        return _error(np.array([0.0, 1.0, time - self.middle]), self.spread)
+def _row(s: float, order: int) -> Array:
+    return np.array(([1.0, s, s * s / 2], [0.0, 1.0, s], [0.0, 0.0, 1.0])[order])
 
 
 def segments(path: Array, times: Array, first: int, sigma: float) -> list[Segment]:
-    """Of frames without a gap, `path` (n, 2) px at `times` (n,) s; `first` is the number of their first frame."""
-    return [
-        fitted(path[a:b], times[a:b], first + a, sigma) for a, b in _borders((path - path.mean(0)) / sigma)
-    ]
+    """Of frames without a gap, `path` (n, 2) px at `times` (n,) s; `first` is the number of their first frame.
 
-
-def _borders(path: Array) -> list[tuple[int, int]]:
-    """`path` in units of its noise."""
-    n = len(path)
-    costs = _costs(path)
-    best = np.full(n + 1, np.inf)
+    The borders with the least sum of squared errors and prices, by dynamic programming.
+    """
+    n, costs = len(path), _costs((path - path.mean(0)) / sigma)
+    best, back = np.full(n + 1, np.inf), np.zeros(n + 1, np.int64)
     best[0] = 0.0
-    back = np.zeros(n + 1, np.int64)
     for end in range(1, n + 1):
-        begin = max(0, end - LONGEST)
-        lengths = end - np.arange(begin, end)
-        total = best[begin:end] + costs[lengths, np.arange(begin, end)] + PRICE
+        begins = np.arange(max(0, end - TUNING.longest), end)
+        total = best[begins] + costs[end - begins, begins] + TUNING.price
         k = int(np.argmin(total))
-        best[end], back[end] = total[k], begin + k
+        best[end], back[end] = total[k], begins[k]
     found = []
     end = n
     while end > 0:
-        found.append((int(back[end]), end))
-        end = int(back[end])
+        begin = int(back[end])
+        found.append(_fitted(path[begin:end], times[begin:end], first + begin, sigma))
+        end = begin
     return found[::-1]
 
 
 def _costs(path: Array) -> Array:
     """[length, first]: squared errors of the best parabola through `length` frames from `first` on."""
     n = len(path)
-    costs = np.zeros((min(n, LONGEST) + 1, n))
-    for length in range(4, min(n, LONGEST) + 1):
+    costs = np.zeros((min(n, TUNING.longest) + 1, n))
+    for length in range(TUNING.fewest, min(n, TUNING.longest) + 1):
         windows = np.lib.stride_tricks.sliding_window_view(path, length, axis=0)  # (m, 2, length)
         off = windows - windows[..., :1]
         left = (off**2).sum(axis=2) - ((off @ _basis(length)) ** 2).sum(axis=2)
@@ -125,111 +191,90 @@ def _basis(length: int) -> Array:
     return np.asarray(np.linalg.qr(np.stack([np.ones(length), grid, grid**2], axis=1))[0])
 
 
-def fitted(path: Array, times: Array, first: int, sigma: float) -> Segment:
-    """All frames as one stretch."""
-    n = len(path)
-    middle = float(times.mean())
+def _fitted(path: Array, times: Array, first: int, sigma: float) -> Segment:
+    n, middle = len(path), float(times.mean())
     s = times - middle
+    columns = np.stack([np.ones(n), s, s * s / 2, s**3 / 6], axis=1)
     order = min(n, 3)
-    columns = np.stack([np.ones(n), s, s * s / 2], axis=1)[:, :order]
-    inverse = np.linalg.pinv(columns)
+    inverse = np.linalg.pinv(columns[:, :order])
     terms, spread = np.zeros((3, 2)), np.full((3, 3), np.inf)
     terms[:order] = inverse @ path
-    left = path - columns @ terms[:order]
-    residual = 0.0
-    if n >= FEWEST:
-        residual = float(np.sqrt((left**2).sum() / (2 * (n - 3)))) / sigma
-        spread = inverse @ inverse.T * (sigma * max(1.0, residual)) ** 2
-    jerk, error = np.zeros(2), np.inf
-    if n > FEWEST:
-        cubic = np.linalg.pinv(np.concatenate([columns, (s**3 / 6)[:, None]], axis=1))
-        jerk = cubic[3] @ path
-        error = float(np.sqrt(cubic[3] @ cubic[3])) * sigma
-    return Segment(first, first + n - 1, middle, terms, spread, jerk, error, residual)
-
-
-def _error(row: Array, spread: Array) -> float:
-    if not np.isfinite(spread).all():
-        return np.inf
-    return float(np.sqrt(max(float(row @ spread @ row), 0.0)))
-
-
-PARTED = 12
-"""Frames on each side of a blow that did not show, at most, that tell how much it can have been."""
-WIDEST = 4
-"""Frames between two stretches, at most, that still are one blow."""
-SURE = 4.0
-"""Standard deviations."""
-SMOOTH = 3.0
-"""Times what accelerations around it make in the same time: a change of velocity beyond it is sudden."""
+    if n < TUNING.fewest:
+        return Segment(first, first + n - 1, middle, terms, spread)
+    left = path - columns[:, :3] @ terms
+    residual = float(np.sqrt((left**2).sum() / (2 * (n - 3)))) / sigma
+    spread = inverse @ inverse.T * (sigma * max(1.0, residual)) ** 2
+    if n == TUNING.fewest:
+        return Segment(first, first + n - 1, middle, terms, spread, residual=residual)
+    cubic = np.linalg.pinv(columns)[3]
+    half = float(times[-1] - times[0]) / 2
+    bend, error = float(np.hypot(*(cubic @ path))) * half, float(np.sqrt(cubic @ cubic)) * sigma * half
+    return Segment(first, first + n - 1, middle, terms, spread, bend, error, residual)
 
 
 @dataclass(frozen=True, eq=False)
-class VelocityChange:
-    """Between two stretches of one body: its velocity changes, suddenly or not."""
+class Turn:
+    """A body between two segments: its velocity changes, suddenly or not."""
 
     body: int
     before: Segment
     after: Segment
     time: float
     """s: when both are nearest to each other."""
-    offset: float
-    """px by which they miss each other then."""
-    sudden: bool
+    sudden: bool = False
     """Far faster than any acceleration before or after, and surely."""
-
-    @property
-    def frame(self) -> int:
-        """The last before it."""
-        return self.before.last
+    shown: bool = True
+    """Whether it turned at all, as far as the tracks show."""
 
     @property
     def arrives(self) -> Array:
         """(2,) px/s: just before."""
-        return self.before.velocity(self.time)
+        return self.before.at(self.time, 1)
 
     @property
     def leaves(self) -> Array:
         """(2,) px/s: just after."""
-        return self.after.velocity(self.time)
+        return self.after.at(self.time, 1)
 
     @property
     def change(self) -> Array:
-        """(2,) px/s."""
+        """(2,) px/s; exactly nothing where one segment goes on."""
         return self.leaves - self.arrives
 
     @property
-    def error(self) -> float:
-        """px/s, of the change along any direction."""
-        return float(np.hypot(self.before.velocity_error(self.time), self.after.velocity_error(self.time)))
+    def place(self) -> Array:
+        """(2,) px."""
+        return (self.before.at(self.time) + self.after.at(self.time)) / 2
+
+    def error(self, order: int = 1) -> float:
+        """Of the change, px/s, or of the place by which both miss each other (`order` 0), px."""
+        if self.before is self.after:
+            return self.before.error(self.time, order)
+        return float(np.hypot(self.before.error(self.time, order), self.after.error(self.time, order)))
 
 
-class Spin(NamedTuple):
-    """How fast a body turns."""
-
-    rate: float
-    """rad/s."""
-    steady: bool
-    """Whether it does in all frames."""
+# ---- motion ------------------------------------------------------------------------------------------------------
 
 
 class Motion:
     """All that is found in tracks before anything is asked."""
 
-    def __init__(self, tracks: Tracks, sigma: float | None = None) -> None:
+    def __init__(self, tracks: Tracks) -> None:
         self.tracks = tracks
-        self.sigma = noise(tracks) if sigma is None else np.full(len(tracks.names), max(sigma, 1e-3))
-        self.clearance = Clearance(tracks)
+        self.sigma = noise(tracks)
+        self.steps = np.asarray(np.diff(tracks.places, axis=0))
+        """(T - 1, N, 2) px from frame to frame."""
+        self._gaps: dict[tuple[int, int], tuple[Array, Array]] = {}
 
     @cached_property
-    def stretches(self) -> list[list[Segment]]:
+    def segments(self) -> list[list[Segment]]:
         """Of each body, by time; a gap in its track ends one."""
         tracks = self.tracks
         return [
             [
-                stretch
+                segment
                 for first, last in runs(tracks.seen[:, k])
-                for stretch in segments(
+                for segment in segments(
                     tracks.places[first:last, k], tracks.times[first:last], first, float(self.sigma[k])
                 )
             ]
@@ -237,146 +282,326 @@ class Motion:
         ]
 
     @cached_property
-    def turns(self) -> list[list[VelocityChange]]:
+    def turns(self) -> list[list[Turn]]:
         """Of each body, between segments that have velocities."""
-        return [self._turns(k) for k in range(len(self.tracks.names))]
-
-    @cached_property
-    def steps(self) -> Array:
-        """(T - 1, N, 2) px from frame to frame."""
-        return np.asarray(np.diff(self.tracks.places, axis=0))
-
-    @cached_property
-    def moves(self) -> list[bool]:
-        """Whether a body ever moves, N of them: one that never does may be nailed down."""
-        tracks = self.tracks
-        found = []
-        for k in range(len(tracks.names)):
-            path = tracks.places[tracks.seen[:, k], k]
-            away = np.hypot(*(path - np.median(path, axis=0)).T) if len(path) else np.zeros(1)
-            found.append(bool(np.quantile(away, 0.95) > max(2.0, 6 * self.sigma[k])))
+        found: list[list[Turn]] = []
+        for body, all_of in enumerate(self.segments):
+            good = [segment for segment in all_of if segment.good]
+            seen = self.tracks.seen[:, body]
+            found.append(
+                [
+                    self._turn(body, before, after)
+                    for before, after in pairwise(good)
+                    if after.first - before.last <= TUNING.widest and seen[before.last : after.first].all()
+                ]
+            )
         return found
 
-    def stretch_at(self, body: int, frame: int) -> Segment | None:
-        """The one that holds a frame, if it has a velocity."""
-        for stretch in self.stretches[body]:
-            if stretch.first <= frame <= stretch.last:
-                return stretch if stretch.good else None
-        return None
+    def _turn(self, body: int, before: Segment, after: Segment) -> Turn:
+        times, step = self.tracks.times, self.tracks.step
+        ticks = np.linspace(times[before.last] - step / 2, times[after.first] + step / 2, 41)
+        turn = Turn(body, before, after, _nearest(ticks, [(before, after)]))
+        a, b = before.terms[2], after.terms[2]
+        smooth = max(np.hypot(*(b - a)), np.hypot(*a) / 2, np.hypot(*b) / 2) * step
+        least = max(6 * self.sigma[body], 0.4) / step  # px/s: changes below it are none
+        enough = max(TUNING.sure * turn.error(), TUNING.smooth * smooth * (after.first - before.last), least)
+        return replace(turn, sudden=bool(np.hypot(*turn.change) > enough))
 
-    def parted(self, body: int, stretch: Segment, time: float) -> tuple[Segment, Segment] | None:
-        """One stretch as two that meet at a moment, with one acceleration: how much of a blow may have been overlooked.
-
-        None where frames on either side are too few.
-        """
-        frames = np.arange(stretch.first, stretch.last + 1)
-        s = self.tracks.times[frames] - time
-        near = np.abs(s) <= PARTED * self.tracks.step
-        frames, s = frames[near], s[near]
-        if (s < 0).sum() < FEWEST or (s > 0).sum() < FEWEST:
+    def parted(self, body: int, segment: Segment, time: float) -> tuple[Segment, Segment] | None:
+        """One segment as two that meet at a moment: how much of an impact may not have shown; None for few frames."""
+        tracks = self.tracks
+        frames = np.arange(segment.first, segment.last + 1)
+        frames = frames[np.abs(tracks.times[frames] - time) <= TUNING.parted * tracks.step]
+        sides = [frames[tracks.times[frames] < time], frames[tracks.times[frames] > time]]
+        if min(map(len, sides)) < TUNING.fewest:
             return None
-        columns = np.stack([np.ones(len(s)), s, s * s / 2, np.maximum(s, 0.0)], axis=1)
-        inverse = np.linalg.pinv(columns)
-        place, velocity, pull, kick = inverse @ self.tracks.places[frames, body]
-        errors = (inverse @ inverse.T).diagonal() * (self.sigma[body] * max(1.0, stretch.residual)) ** 2
-        spread = np.diag([errors[0], errors[3] / 2, errors[2]])
-        parts = (
-            (stretch.first, int(frames[s < 0][-1]), velocity),
-            (int(frames[s > 0][0]), stretch.last, velocity + kick),
-        )
         before, after = (
-            replace(
-                stretch,
-                first=first,
-                last=last,
-                middle=time,
-                terms=np.stack([place, speed, pull]),
-                spread=spread,
-            )
-            for first, last, speed in parts
+            _fitted(tracks.places[side, body], tracks.times[side], int(side[0]), float(self.sigma[body]))
+            for side in sides
         )
         return before, after
 
-    def near(self, body: int, first: int, last: int) -> list[int]:
-        """Bodies that may have touched it between two frames, however fast they were."""
+    def turns_near(self, body: int, time: float, frames: float) -> bool:
+        """Whether it turns suddenly within some frames of a moment."""
+        return any(t.sudden and abs(t.time - time) <= frames * self.tracks.step for t in self.turns[body])
+
+    @cached_property
+    def flights(self) -> list[tuple[int, Segment]]:
+        """Bodies and their segments that are surely flights, seen from the side."""
+        if self.tracks.view is View.TOP or self.tracks.flat:
+            return []
+        return [
+            (k, segment)
+            for k, all_of in enumerate(self.segments)
+            if self.free(k) and not self._guided(k)
+            for segment in all_of
+            if self._flies(k, segment)
+        ]
+
+    @cached_property
+    def gravity(self) -> Array | None:
+        """(2,) px/s²: the median of falls' accelerations, each as heavy as it is long; None where nothing falls."""
+        falls = [segment for _, segment in self.flights if segment.terms[2, 1] > 0]
+        if not falls:
+            return None
+        weighed = np.repeat([s.terms[2] for s in falls], [s.count for s in falls], axis=0)
+        return np.asarray(np.sort(weighed, axis=0)[(len(weighed) - 1) // 2])
+
+    def _guided(self, body: int) -> bool:
+        """Whether its acceleration changes again and again without an impact, as on a rope: gravity may change once."""
+        smooth = 0
+        for turn in self.turns[body]:
+            a, b = turn.before, turn.after
+            off = float(np.hypot(*(a.terms[2] - b.terms[2])))
+            error = float(np.hypot(a.error(turn.time, 2), b.error(turn.time, 2)))
+            size = max(float(np.hypot(*a.terms[2])), float(np.hypot(*b.terms[2])))
+            fast = max(np.hypot(*turn.arrives), np.hypot(*turn.leaves)) * self.tracks.step > 0.5
+            smooth += not turn.sudden and fast and off > max(3 * error, 0.15 * size)
+        return smooth >= 2
+
+    def _flies(self, body: int, segment: Segment) -> bool:
+        """Whether it is curved or plumb, touched by nothing that is known, smooth all along."""
         tracks = self.tracks
-        lo, hi = max(first, 0), min(last, len(tracks.times) - 1)
-        found = []
-        for other in range(len(tracks.names)):
-            if other != body:
-                gap = self.clearance.least(body, other)[lo : hi + 1]
-                gap = gap[np.isfinite(gap)]
-                if len(gap) and gap.min() <= self.margin(body, other, lo, hi):
-                    found.append(other)
-        return found
+        first, last = tracks.times[segment.first], tracks.times[segment.last]
+        if segment.count < TUNING.flight or last - first < TUNING.shortest:
+            return False
+        a, error = segment.terms[2], segment.error(first, 2)
+        size = float(np.hypot(*a))
+        enough = size >= 5 * error and size * (last - first) ** 2 / 8 >= max(5 * self.sigma[body], 1.5)
+        if not enough or segment.residual > 2.5 or segment.bend > 0.35 * size + 2.5 * segment.bend_error:
+            return False
+        vx, vy = segment.at(segment.middle, 1)
+        speed = float(np.hypot(vx, vy))
+        plumb = abs(a[0]) < TUNING.plumb * size + 2 * error
+        curved = speed > 0 and abs(a[0] * vy - a[1] * vx) / speed > max(4 * error, 0.25 * size)
+        if not (plumb or curved) or self.was_pushed(body, first, last):
+            return False
+        return self.alone(body, segment, 1.0, 0.5)
 
-    def margin(self, one: int, other: int, first: int, last: int) -> float:
-        """px that two bodies may still be apart in every frame and yet touch in between."""
-        gap = self.clearance.least(one, other)[max(first - 1, 0) : last + 2]
-        rate = np.abs(np.diff(gap))
-        rate = rate[np.isfinite(rate)]
-        way = (self.steps[:, one] - self.steps[:, other])[max(first - 1, 0) : last + 1]
-        speed = np.hypot(way[:, 0], way[:, 1])
-        # who hits half-way between two frames is half a step away in both; after another blow, by a step unseen
-        fastest = max(0.65 * rate.max(initial=0.0), 0.3 * np.nanmax(speed, initial=0.0))
-        return 1.5 + float(fastest) + 3 * float(np.hypot(self.sigma[one], self.sigma[other]))
+    def alone(self, body: int, segment: Segment, bodies: float, walls: float) -> bool:
+        """Whether bodies and known walls are farther away, px, in all but its first and last frame."""
+        inner = slice(segment.first + 1, segment.last)
+        gaps = [
+            self.gap(body, k)[0][inner]
+            for k, form in enumerate(self.tracks.forms)
+            if k != body and form.reach
+        ]
+        near = min((np.nanmin(gap, initial=np.inf) for gap in gaps), default=np.inf)
+        return bool(near > bodies and np.nanmin(self.walls[inner, body], initial=np.inf) > walls)
 
-    def near_wall(self, body: int, first: int, last: int) -> bool:
-        """Whether a known wall is within its reach."""
-        gap = self.clearance.to_walls(body)[max(first, 0) : last + 1]
-        step = np.hypot(*self.steps[max(first - 1, 0) : last + 1, body].T)
-        step = step[np.isfinite(step)]
-        fastest = float(step.max()) if len(step) else 0.0
-        return bool(np.nanmin(gap, initial=np.inf) <= 1.5 + 0.6 * fastest + 3 * self.sigma[body])
+    @cached_property
+    def impacts(self) -> list[Impact]:
+        """All that concern one or two bodies that are free, measured and not in a crowd; each once."""
+        return _impacts(self)
 
-    def was_pushed(self, body: int, start: float, end: float) -> bool:
-        """Whether the caller says that it was, between two moments."""
-        return any(
-            who == body and start <= last + self.tracks.step and first - self.tracks.step <= end
-            for who, first, last in self.tracks.given.pushed
-        )
+    def moves(self, body: int) -> bool:
+        """Whether it ever moves: what never does may be nailed down."""
+        path = self.tracks.places[self.tracks.seen[:, body], body]
+        away = np.hypot(*(path - np.median(path, axis=0)).T) if len(path) else np.zeros(1)
+        return bool(np.quantile(away, 0.95) > max(2.0, 6 * self.sigma[body]))
 
     def free(self, body: int) -> bool:
         """Whether nothing but gravity, contacts and known pushes acts on it."""
-        given = self.tracks.given
-        return body not in given.held and body not in given.blown
+        return body not in self.tracks.given.held
 
-    def spin(self, body: int, first: int, last: int) -> Spin | None:
-        """Over some frames, the slower of what it may be; None where its angle is not known."""
-        angle = self.tracks.angles[max(first, 0) : last + 1, body]
-        if len(angle) < 3 or not np.isfinite(angle).all():
-            return None
-        angle = np.unwrap(angle)
-        ticks = np.arange(len(angle)) * self.tracks.step
-        line = np.polyfit(ticks, angle, 1)
-        off = float(np.abs(angle - np.polyval(line, ticks)).max())
-        shake = 4 * float(self.sigma[body]) / max(self.tracks.forms[body].reach, 4.0)
-        return Spin(float(line[0]), off < 0.02 + shake)
+    def was_pushed(self, body: int, start: float, end: float) -> bool:
+        """Whether it is known that it was, between two moments."""
+        step = self.tracks.step
+        return any(
+            who == body and start <= last + step and first - step <= end
+            for who, first, last in self.tracks.given.pushed
+        )
 
-    def _turns(self, body: int) -> list[VelocityChange]:
-        known = [s for s in self.stretches[body] if s.good]
+    def shake(self, one: int, other: int) -> float:
+        """px of noise of the distance of two bodies."""
+        return float(np.hypot(self.sigma[one], self.sigma[other]))
+
+    # distances
+
+    def gap(self, one: int, other: int) -> tuple[Array, Array]:
+        """(T,) px between two bodies, at least and at most: negative where they overlap, NaN where one is not seen.
+
+        Negative and infinite where it is not known how far they reach.
+        """
+        key = (min(one, other), max(one, other))
+        if key not in self._gaps:
+            self._gaps[key] = self._gap(*key)
+        return self._gaps[key]
+
+    def _gap(self, one: int, other: int) -> tuple[Array, Array]:
+        a, b = self.tracks.forms[one], self.tracks.forms[other]
+        far = np.hypot(*(self.tracks.places[:, one] - self.tracks.places[:, other]).T)
+        least = far - a.reach - b.reach
+        if not all(form.round or form.pieces for form in (a, b)):
+            return least, far - a.core - b.core if a.core > 0 and b.core > 0 else np.full(len(far), np.inf)
+        if not (a.round and b.round):
+            close = np.flatnonzero(least < 0.5 * (a.reach + b.reach))
+            shapes = [[piece[close] for piece in self._shapes[k]] for k in (one, other)]
+            parted = [_separation(mine, others) for mine in shapes[0] for others in shapes[1]]
+            least[close] = np.min(parted, axis=0)
+        return least, least
+
+    @cached_property
+    def _shapes(self) -> list[list[Array]]:
+        """Convex pieces (T, K, 2) of each body in the picture; of discs a polygon."""
         found = []
-        for before, after in pairwise(known):
-            gap = after.first - before.last
-            if gap > WIDEST or not self.tracks.seen[before.last : after.first, body].all():
-                continue
-            found.append(self._turn(body, before, after))
+        turn = np.linspace(0, 2 * np.pi, TUNING.sides, endpoint=False)
+        circle = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        for k, form in enumerate(self.tracks.forms):
+            angle = (
+                np.zeros(len(self.tracks.times)) if self.tracks.angles is None else self.tracks.angles[:, k]
+            )
+            c, s = np.cos(angle), np.sin(angle)
+            turns = np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], axis=1)
+            pieces = form.pieces or (form.reach * circle,)
+            place = self.tracks.places[:, k, None]
+            found.append([np.einsum("tij,kj->tki", turns, piece) + place for piece in pieces])
         return found
 
-    def _turn(self, body: int, before: Segment, after: Segment) -> VelocityChange:
-        times, step = self.tracks.times, self.tracks.step
-        ticks = np.linspace(times[before.last] - step / 2, times[after.first] + step / 2, 41)
-        missed = [float(np.hypot(*(after.place(t) - before.place(t)))) for t in ticks]
-        least = int(np.argmin(missed))
-        turn = VelocityChange(body, before, after, float(ticks[least]), missed[least], False)
-        change = float(np.hypot(*turn.change))
-        a, b = before.acceleration, after.acceleration
-        smooth = max(np.hypot(*(b - a)), np.hypot(*a) / 2, np.hypot(*b) / 2) * step
-        sudden = change > max(
-            SURE * turn.error, SMOOTH * smooth * (after.first - before.last), self._slow(body)
-        )
-        return VelocityChange(body, before, after, turn.time, turn.offset, sudden)
+    @cached_property
+    def walls(self) -> Array:
+        """(T, N) px to the nearest known wall, at least; infinite where none is known."""
+        least = np.full(self.tracks.seen.shape, np.inf)
+        for chain in self.tracks.given.walls:
+            for wall in (np.stack(ends) for ends in pairwise(chain)):
+                for k, shapes in enumerate(self._shapes):
+                    for piece in shapes:
+                        least[:, k] = np.fmin(least[:, k], _separation(piece, wall[None]))
+        return least
 
-    def _slow(self, body: int) -> float:
-        """px/s: changes below it are none."""
-        return float(max(6 * self.sigma[body], 0.4) / self.tracks.step)
+    def near(self, body: int, first: int, last: int) -> list[int]:
+        """Bodies that may have touched it between two frames, however fast they were."""
+        lo, hi = max(first, 0), min(last, len(self.tracks.times) - 1)
+        return [
+            other
+            for other in range(len(self.tracks.names))
+            if other != body
+            and np.nanmin(self.gap(body, other)[0][lo : hi + 1], initial=np.inf)
+            <= self.margin(body, other, lo, hi)
+        ]
+
+    def margin(self, one: int, other: int, first: int, last: int) -> float:
+        """px that two bodies may still be apart in every frame and yet touch in between."""
+        rate = np.abs(np.diff(self.gap(one, other)[0][max(first - 1, 0) : last + 2]))
+        way = (self.steps[:, one] - self.steps[:, other])[max(first - 1, 0) : last + 1]
+        # what hits half-way between two frames is half a step away in both; after another impact, by a step unseen
+        fastest = max(0.65 * np.nanmax(rate, initial=0.0), 0.3 * np.nanmax(np.hypot(*way.T), initial=0.0))
+        return 1.5 + float(fastest) + 3 * self.shake(one, other)
+
+
+def _separation(a: Array, b: Array) -> Array:
+    """(T,): of convex pieces (T, K, 2), the widest gap along any side's normal; minus the depth where they overlap."""
+    widest = np.full(len(a), -np.inf)
+    for mine in (a, b):
+        along = np.roll(mine, -1, axis=1) - mine
+        size = np.hypot(along[..., 0], along[..., 1])
+        normal = np.stack([along[..., 1], -along[..., 0]], axis=1) / np.maximum(size, 1e-12)[:, None]
+        on_a, on_b = a @ normal, b @ normal  # (T, K, sides)
+        gap = np.maximum(on_b.min(1) - on_a.max(1), on_a.min(1) - on_b.max(1))
+        widest = np.maximum(widest, np.where(size > 1e-9, gap, -np.inf).max(axis=1))
+    return widest
+
+
+def _nearest(ticks: Array, parts: list[tuple[Segment, Segment]]) -> float:
+    """s: the tick at which the segments before and after are nearest to each other."""
+    missed = [sum(float(np.sum((b.at(t) - a.at(t)) ** 2)) for a, b in parts) for t in ticks]
+    return float(ticks[int(np.argmin(missed))])
+
+
+# ---- impacts -----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Impact:
+    """Of one body alone, or of two and no other."""
+
+    frame: int
+    parts: tuple[Turn, ...]
+
+    @property
+    def bodies(self) -> tuple[int, ...]:
+        """Indices."""
+        return tuple(part.body for part in self.parts)
+
+
+def _impacts(motion: Motion) -> list[Impact]:
+    found: list[Impact] = []
+    step = motion.tracks.step
+    for turn in (turn for turns in motion.turns for turn in turns if turn.sudden and motion.free(turn.body)):
+        if motion.was_pushed(turn.body, turn.time - step, turn.time + step):
+            continue
+        impact = _impact(motion, turn)
+        if impact is None or not _single(impact, step):
+            continue
+        if not any(
+            len(one.parts) == 2
+            and set(one.bodies) == set(impact.bodies)
+            and abs(one.parts[0].time - impact.parts[0].time) <= TUNING.same * step
+            for one in found
+        ):
+            found.append(impact)
+    return found
+
+
+def _single(impact: Impact, step: float) -> bool:
+    """Whether one impact explains it: paths meet at its time; where two come in one frame, they do not."""
+    change = max(float(np.hypot(*part.change)) for part in impact.parts)
+    return all(
+        np.hypot(*(part.after.at(part.time) - part.before.at(part.time)))
+        <= TUNING.missed * change * step + 3 * part.error(0)
+        for part in impact.parts
+    )
+
+
+def _impact(motion: Motion, turn: Turn) -> Impact | None:
+    """None where it is not known which bodies have a part in it, or more than two have."""
+    first, last = turn.before.last, turn.after.first
+    others = []
+    for body in motion.near(turn.body, first, last):
+        other = _partner(motion, body, turn)
+        met = None if other is None else _met(motion, turn, other)
+        if met is None or (not met and motion.turns_near(body, turn.time, TUNING.late)):
+            return None
+        if met and other is not None:
+            others.append(other)
+    if not others:
+        return Impact(first, (turn,))
+    if len(others) > 1 or not motion.free(others[0].body):
+        return None
+    other = others[0]
+    for body in set(motion.near(other.body, first, last)) - {turn.body}:
+        gap = motion.gap(other.body, body)[0][first : last + 1]
+        if motion.turns_near(body, turn.time, TUNING.late) or np.nanmin(gap, initial=np.inf) < 2.0:
+            return None  # a third has a part in it
+    ticks = turn.time + np.linspace(-motion.tracks.step / 2, motion.tracks.step / 2, 41)
+    time = _nearest(ticks, [(turn.before, turn.after), (other.before, other.after)])
+    return Impact(first, (replace(turn, time=time), replace(other, time=time)))
+
+
+def _partner(motion: Motion, body: int, turn: Turn) -> Turn | None:
+    """What it did then; None where that is not known."""
+    for other in motion.turns[body]:
+        if abs(other.time - turn.time) <= TUNING.same * motion.tracks.step:
+            return replace(other, time=turn.time)
+    for segment in motion.segments[body]:
+        if segment.good and segment.first <= turn.before.last and turn.after.first <= segment.last:
+            before, after = motion.parted(body, segment, turn.time) or (segment, segment)
+            return Turn(body, before, after, turn.time, shown=False)
+    return None
+
+
+def _met(motion: Motion, one: Turn, other: Turn) -> bool | None:
+    """Whether they touched at the impact; None where that is not known."""
+    a, b = motion.tracks.forms[one.body], motion.tracks.forms[other.body]
+    close = 1.0 + 3 * motion.shake(one.body, other.body) + 0.05 * (a.reach + b.reach)
+    apart = one.place - other.place
+    size = float(np.hypot(*apart))
+    gap = size - a.reach - b.reach
+    if gap > close:
+        changes = float(np.hypot(*one.change) + np.hypot(*other.change))
+        slack = TUNING.missed / 2 * changes * motion.tracks.step
+        slack += 3 * max(part.before.error(part.time) for part in (one, other))
+        hit = np.hypot(*one.arrives) <= TUNING.resting * np.hypot(*one.leaves)
+        sure = other.after.first - other.before.last <= 1 and not hit
+        return False if sure and gap > close + slack else None
+    return True

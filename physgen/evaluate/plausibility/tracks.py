@@ -1,16 +1,63 @@
-"""Positions of the objects of a clip over its frames, what is known of them, and how noisy the positions are."""
+"""Positions of the objects of a clip over its frames, what is known of them, and their readers: clips and scenes of
+physgen, CSV tables, folders of masks.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from math import comb
+import csv
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from math import hypot, isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+from zipfile import BadZipFile
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image, UnidentifiedImageError
 
-from physgen.scene.scene import View
+from physgen.image_formats import MOST_PIXELS
+from physgen.problems import InputError, Place, Problem
+from physgen.scene.scene import Motion, Solid, View
+from physgen.text import natural
+
+if TYPE_CHECKING:
+    from physgen.compile.world import Body, World
 
 Array = NDArray[np.float64]
+Ids = NDArray[np.integer]
+
+FIX = "give a clip's folder, a scene file, a CSV of frame,name,x,y, or a folder of PNG masks"
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Of what is read."""
+
+    fps: float = 30.0
+    """1/s, of tracks without a rate."""
+    cells: int = 5_000_000
+    """Frames times bodies."""
+    problems: int = 20
+    """Reported of one file."""
+    ids: int = 1000
+    """In a mask: a picture with more values is a photo."""
+    least: int = 12
+    """px of area: smaller bodies have no place."""
+    whole: float = 0.965
+    """Of a body's usual area: it is hidden in part where less is seen."""
+    exact: float = 0.02
+    """px: noise of the engine's poses."""
+    table: float = 0.05
+    """px: least noise of measured places."""
+    masks: float = 0.08
+    """px: least noise of centroids of some hundred pixels."""
+    uneven: float = 0.25
+    """Of a frame's time, by which times may be off an even grid."""
+
+
+LIMITS = Limits()
 
 
 @dataclass(frozen=True)
@@ -21,12 +68,10 @@ class Outline:
     """Radius of a disc about the place that it surely covers; 0: not known."""
     reach: float
     """Distance of its farthest point from the place; 0: a point."""
-    gyration: float = 0.0
-    """Radius of gyration: its moment of inertia over its mass is this squared."""
     width: float = 0.0
     """Its smallest width; 0: twice its core."""
     pieces: tuple[Array, ...] = ()
-    """Convex pieces, each (K, 2) about the place, turned by its angle; none for what is round, or not known better."""
+    """Convex pieces, each (K, 2) about the place, turned by its angle; none for discs and where they are not known."""
 
     @property
     def thin(self) -> float:
@@ -41,20 +86,16 @@ class Outline:
 
 @dataclass(frozen=True)
 class Known:
-    """What the caller says acts from outside, so that no one wonders. Indices of bodies."""
+    """What acts from outside, as far as it is known. Indices of bodies."""
 
     held: frozenset[int] = frozenset()
-    """On joints or springs, or moved by a script: only jumps are asked of them."""
-    blown: frozenset[int] = frozenset()
-    """In wind or an attractor."""
+    """By a hand, joints, wind or a script, or struck with spin: only jumps and overlap are asked of them."""
     pushed: tuple[tuple[int, float, float], ...] = ()
-    """Who, from when, until when, s."""
+    """Body, from when, until when, s."""
     joined: frozenset[tuple[int, int]] = frozenset()
     """Pairs that may lie over each other."""
     walls: tuple[Array, ...] = ()
-    """Chains (K, 2) px of what is fixed, where known."""
-    spun: frozenset[int] = frozenset()
-    """Struck so that they turn faster than they roll: they may speed up by themselves."""
+    """Chains (K, 2) px of what is fixed."""
 
 
 @dataclass(frozen=True)
@@ -67,20 +108,18 @@ class Tracks:
     names: tuple[str, ...]
     places: Array
     """(T, N, 2) px, image axes: of the centre of mass or what stands for it; NaN where it is not seen."""
-    angles: Array
-    """(T, N) rad, a positive one turns +x towards +y; NaN where no one knows."""
+    angles: Array | None
+    """(T, N) rad, a positive one turns +x towards +y; None: not known, nor are pieces."""
     forms: tuple[Outline, ...]
-    masses: Array
-    """(N,) g, or in any other unit."""
-    weighed: bool
-    """Whether masses are known; else they are areas, or all equal, and any ratio up to 12 times that will do."""
     view: View
     floor: float
     """px: noise is never taken to be less."""
     source: str
-    """What was read, in words: `boxes of MOT`."""
+    """What was read, in words."""
+    masses: Array | None = None
+    """(N,) in any unit; None: not known."""
     given: Known = field(default_factory=Known)
-    flat: bool = True
+    flat: bool = False
     """Whether gravity is known to be none, as in a scene that says so."""
 
     @property
@@ -93,51 +132,352 @@ class Tracks:
         """(T, N)."""
         return np.asarray(np.isfinite(self.places).all(axis=2))
 
+    def holding(self, names: Iterable[str]) -> Tracks:
+        """With these bodies held. Raises InputError for names that are not there."""
+        known = {name: k for k, name in enumerate(self.names)}
+        fix = f"it has {', '.join(self.names[:8])}"
+        problems = [
+            Problem(Place(self.name), "--held", f'"{name}"', "is none of its bodies", fix)
+            for name in dict.fromkeys(names)
+            if name not in known
+        ]
+        if problems:
+            raise InputError(problems)
+        held = self.given.held | {known[name] for name in names}
+        return replace(self, given=replace(self.given, held=held))
 
-def runs(seen: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """First and last + 1 of each stretch of frames without a gap.
 
-    >>> runs(np.array([True, True, False, True]))
-    [(0, 2), (3, 4)]
+def read(path: Path, fps: float | None = None, view: View = View.SIDE) -> Iterator[Tracks]:
+    """Every clip that a path holds; `fps` and `view` of tracks that do not say it. Raises InputError."""
+    ending = path.suffix.lower()
+    if not path.exists():
+        raise InputError.of(str(path), "", "is not there", FIX)
+    if path.is_dir():
+        yield from _folder(path, fps, view)
+    elif ending in (".yaml", ".yml"):
+        yield from_scene(path)
+    elif ending == ".csv":
+        yield from_csv(path, fps, view)
+    else:
+        raise InputError.of(str(path), f'"{ending or path.name}"', "is no kind of tracks", FIX)
+
+
+def _folder(path: Path, fps: float | None, view: View) -> Iterator[Tracks]:
+    from physgen.batch.clips import clip_folders
+
+    pictures = [] if (path / "manifest.json").exists() else _pictures(path)
+    if (path / "scene.yaml").is_file():
+        yield from_scene(path / "scene.yaml")
+    elif pictures:
+        source = "centroids of masks" + ("" if fps else ", 30 frames a second assumed")
+        tracks = from_maps(path.resolve().name, _maps(pictures), fps or LIMITS.fps, view)
+        yield replace(tracks, source=source)
+    else:
+        try:
+            folders = clip_folders([path])
+        except InputError:
+            raise InputError.of(str(path), "", "holds no clip and no tracks", FIX) from None
+        yield from map(from_clip, folders)
+
+
+# ---- clips and scenes of physgen ---------------------------------------------------------------------------------
+
+
+def from_scene(path: Path, variant: str | None = None) -> Tracks:
+    """A scene file, simulated at its video's frames."""
+    from physgen import pipeline
+
+    scene = pipeline.load(path, (), variant)
+    world = pipeline.compile(scene, pipeline.percepts(scene)).world
+    trajectory = pipeline.simulate(world)
+    name = path.parent.name if path.name == "scene.yaml" else path.stem
+    return from_world(f"{name}-{variant}" if variant else name, world, trajectory.times, trajectory.poses)
+
+
+def from_clip(folder: Path) -> Tracks:
+    """A folder that `render` made: its `trajectory.npz`, with outlines and pushes where its scene is still there.
+
+    Raises InputError where the motion cannot be read.
     """
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], seen, [False]]).astype(np.int8)))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    from physgen import pipeline
+    from physgen.batch.clips import read_manifest
+
+    manifest = read_manifest(folder)
+    path, name = folder / "trajectory.npz", folder.resolve().name
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            times, names, poses = (file[key] for key in ("times", "names", "poses"))
+    except (OSError, ValueError, KeyError, BadZipFile) as error:
+        raise InputError.of(str(path), "", f"cannot be read: {error}", "render the clip again") from None
+    names = tuple(map(str, names))
+    source = Path(folder.resolve(), manifest.source or "")
+    if source.is_file():
+        try:
+            scene = pipeline.load(source, manifest.overrides, manifest.variant, allow_outside=True)
+            world = pipeline.compile(scene, pipeline.percepts(scene)).world
+        except InputError:  # the scene was changed since: its motion alone is judged
+            world = None
+        if world is not None and tuple(body.name for body in world.bodies) == names:
+            return from_world(name, world, times, poses)
+    view = View(str(manifest.document.get("world", {}).get("view", "side")))
+    forms, about = (Outline(0.0, 0.0),) * len(names), "poses without outlines: the scene is missing"
+    return Tracks(name, times, names, poses[..., :2], poses[..., 2], forms, view, LIMITS.exact, about)
 
 
-ORDERS = (3, 5)
-"""Third differences see few blows; fifth ones see no swinging either."""
-CLEARLY = 0.6
-"""The fifth are taken where they say so much less."""
-TO_SIGMA = 1.4826
-"""Median of |x| -> standard deviation, of a normal distribution."""
-FEWEST = 5
+def from_world(name: str, world: World, times: Array, poses: Array) -> Tracks:
+    """`poses` (T, N, 3) as a trajectory has them."""
+    return Tracks(
+        name,
+        times,
+        tuple(body.name for body in world.bodies),
+        poses[..., :2].copy(),
+        poses[..., 2].copy(),
+        tuple(map(_outline, world.bodies)),
+        world.view,
+        LIMITS.exact,
+        "poses of a clip of physgen",
+        np.array([body.mass for body in world.bodies]),
+        _known(world),
+        world.view is View.SIDE and not np.any(world.gravity),
+    )
 
 
-def noise(tracks: Tracks) -> Array:
-    """(N,) px, standard deviation along each axis, at least `tracks.floor`.
+def _outline(body: Body) -> Outline:
+    if body.radius is not None:
+        return Outline(body.radius, body.radius)
+    angles = np.linspace(0.0, np.pi, 36, endpoint=False)
+    shadows = np.concatenate(body.pieces) @ np.stack([np.cos(angles), np.sin(angles)])
+    return Outline(0.0, body.reach, float(np.ptp(shadows, axis=0).min()), body.pieces)
 
-    The median takes no notice of bounces, as long as they are few. A body at rest gives nothing: centroids of pixels
-    shake only as they move. Where nothing is known, the median of the others is taken.
+
+def _known(world: World) -> Known:
+    held = {k for k, body in enumerate(world.bodies) if body.motion is not Motion.DYNAMIC}
+    held |= {k for one in world.fields for k in one.bodies}
+    held |= {k for k, body in enumerate(world.bodies) if world.view is View.TOP and _overspun(body)}
+    joined = set()
+    for joint in world.joints:
+        held.add(joint.first)
+        if joint.second is not None:
+            held.add(joint.second)
+            joined.add((min(joint.first, joint.second), max(joint.first, joint.second)))
+    return Known(
+        frozenset(held),
+        tuple((p.body, p.start, p.end if isfinite(p.end) else world.duration) for p in world.pushes),
+        frozenset(joined),
+        tuple(chain for wall in world.walls for chain in wall.chains),
+    )
+
+
+def _overspun(body: Body) -> bool:
+    """Whether it does not roll at its start: (wx, wy) rolls at (R wy, -R wx), signs as in `Body.roll`."""
+    if body.solid is not Solid.SPHERE or body.radius is None or not np.any(body.roll):
+        return False
+    rolling = body.radius * np.array([-body.roll[1], body.roll[0]])
+    return not np.allclose(rolling, body.velocity, rtol=0, atol=1e-6 * np.abs(body.velocity).max(initial=1.0))
+
+
+# ---- tables ------------------------------------------------------------------------------------------------------
+
+RANGES = {
+    "frame": (0.0, 1e6), "time": (-1e6, 1e6), "x": (-1e6, 1e6), "y": (-1e6, 1e6),
+    "radius": (1e-3, 1e6), "width": (1e-3, 1e6), "height": (1e-3, 1e6),
+}  # fmt: skip
+"""Columns beside `name`, with what they may hold. s, px, rad."""
+
+
+def from_csv(path: Path, fps: float | None, view: View) -> Tracks:
+    """Raises InputError for columns that are missing and cells that are no numbers, with their lines."""
+    lines = _lines(path)
+    problems: list[Problem] = []
+    rows = [_row(path, number, line, problems) for number, line in enumerate(lines, 2)]
+    if problems:
+        raise InputError(problems[: LIMITS.problems])
+    owners = [line.get("name") or "body" for line in lines]
+    names = sorted(set(owners), key=natural)
+    framed = "frame" in rows[0]
+    frames, step = _frames(path, np.array([row["frame" if framed else "time"] for row in rows]), len(names))
+    step /= (fps or LIMITS.fps) if framed else 1.0
+    shape = max(frames) + 1, len(names)
+    places = np.full((*shape, 2), np.nan)
+    discs: list[list[tuple[float, float]]] = [[] for _ in names]
+    for frame, owner, row in zip(frames, owners, rows, strict=True):
+        k = names.index(owner)
+        if isfinite(places[frame, k, 0]):
+            fix = "give each body a name of its own"
+            raise InputError.of(str(path), f'"{owner}"', f"is twice in frame {frame}", fix)
+        places[frame, k] = row["x"], row["y"]
+        if "radius" in row:
+            discs[k].append((row["radius"], row["radius"]))
+        elif "width" in row and "height" in row:
+            discs[k].append((min(row["width"], row["height"]) / 2, hypot(row["width"], row["height"]) / 2))
+    forms = tuple(_disc(np.array(own or [(0.0, 0.0)])) for own in discs)
+    source = "a table" + ("" if fps or not framed else ", 30 frames a second assumed")
+    times = np.arange(len(places)) * step
+    return Tracks(path.stem, times, tuple(names), places, None, forms, view, LIMITS.table, source)
+
+
+def _lines(path: Path) -> list[dict[str, str]]:
+    """By column. Raises InputError for a file that is no table of tracks."""
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            reader = csv.DictReader(file)
+            heads = reader.fieldnames = [head.strip().lower() for head in reader.fieldnames or ()]
+            lines = list(reader)
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        fix = "save it as UTF-8 with commas"
+        raise InputError.of(str(path), "", f"cannot be read as CSV: {error}", fix) from None
+    missing = [column for column in ("x", "y") if column not in heads]
+    if "frame" not in heads and "time" not in heads:
+        missing.insert(0, "frame or time")
+    if missing:
+        found, fix = f'columns "{", ".join(heads)}"', "begin with frame,name,x,y,angle,radius"
+        raise InputError.of(str(path), found, f"lack {', '.join(missing)}", fix)
+    if not lines:
+        raise InputError.of(str(path), "", "has no tracks", "write a line a frame and body")
+    return lines
+
+
+def _row(path: Path, number: int, line: dict[str, str], problems: list[Problem]) -> dict[str, float]:
+    """Numbers by column, without empty cells of columns that may be empty; problems are added."""
+    found = {}
+    for column, (low, high) in RANGES.items():
+        cell = (line.get(column) or "").strip()
+        if cell or (column in line and column in ("frame", "time", "x", "y")):
+            try:
+                found[column] = float(cell)
+            except ValueError:
+                found[column] = np.nan
+            if not low <= found[column] <= high:
+                expected = f"is no number from {low:g} to {high:g}"
+                problems.append(
+                    Problem(Place(str(path), number, 1), column, f'"{cell[:40]}"', expected, "write s, px")
+                )
+    return found
+
+
+def _frames(path: Path, moments: Array, bodies: int) -> tuple[list[int], float]:
+    """Frames from 0 on, and the time between two. Raises InputError for times that are not even, and too many."""
+    rising = np.unique(moments)
+    if len(rising) < 2:
+        raise InputError.of(str(path), f"{len(rising)} moment", "is no motion", "give a row a frame and body")
+    steps = (moments - rising[0]) / float(np.median(np.diff(rising)))
+    frames = np.rint(steps)
+    last = float(frames.max())
+    if np.abs(steps - frames).max() > LIMITS.uneven:
+        fix = "give a column frame, and --fps"
+        raise InputError.of(str(path), "its times", "are not evenly spaced", fix)
+    if last * bodies > LIMITS.cells:
+        found, fix = (
+            f"{last:,.0f} frames of {bodies:,} bodies",
+            f"keep frames x bodies below {LIMITS.cells:,}",
+        )
+        raise InputError.of(str(path), found, "are too many", fix)
+    return frames.astype(int).tolist(), float(rising[-1] - rising[0]) / last
+
+
+def _disc(sizes: Array) -> Outline:
+    """Of (n, 2) px: radii of discs inside and around, a frame each."""
+    core, reach = float(np.quantile(sizes[:, 0], 0.2)), float(np.quantile(sizes[:, 1], 0.8))
+    return Outline(core, reach)
+
+
+# ---- masks -------------------------------------------------------------------------------------------------------
+
+
+class Silhouette(NamedTuple):
+    """One body in one frame. px."""
+
+    frame: int
+    place: tuple[float, float]
+    area: float
+    core: float
+    reach: float
+    cut: bool
+    """Whether it reaches the border of the picture."""
+
+
+def from_maps(name: str, maps: Iterable[Ids], fps: float, view: View) -> Tracks:
+    """Centroids of the ids of each map (H, W), 0 being the background, where a body is wholly seen.
+
+    Raises InputError where all is background.
     """
-    own = np.array([_of(tracks, k) for k in range(len(tracks.names))])
-    known = own[np.isfinite(own)]
-    typical = float(np.median(known)) if len(known) else tracks.floor
-    own = np.where(np.isfinite(own), own, typical)
-    return np.asarray(np.maximum(np.clip(own, typical / 2, None), tracks.floor))
+    found: dict[int, list[Silhouette]] = {}
+    count = 0
+    for ids in maps:
+        for one in np.unique(ids[ids > 0]).tolist():
+            shape = _silhouette(count, ids == one)
+            if shape is not None:
+                found.setdefault(one, []).append(shape)
+        count += 1
+    if not found:
+        raise InputError.of(name, "", "has no tracks: all is background", "give bodies ids above 0")
+    places = np.full((count, len(found), 2), np.nan)
+    forms = []
+    for k, (_, shapes) in enumerate(sorted(found.items())):
+        usual = float(np.quantile([shape.area for shape in shapes], 0.8))
+        for shape in shapes:
+            if shape.area >= LIMITS.whole * usual and not shape.cut:
+                places[shape.frame, k] = shape.place
+        uncut = [shape for shape in shapes if not shape.cut] or [shapes[0]._replace(core=0.0, reach=0.0)]
+        core, reach = (
+            float(np.quantile([getattr(s, side) for s in uncut], 0.8)) for side in ("core", "reach")
+        )
+        radius = float(np.sqrt(usual / np.pi))
+        disc = core > 0.85 * reach
+        forms.append(Outline(radius, radius) if disc else Outline(core, reach))
+    names = tuple(f"id {one}" if one < 2**16 else f"#{one:06x}" for one in sorted(found))
+    times = np.arange(count) / fps
+    return Tracks(name, times, names, places, None, tuple(forms), view, LIMITS.masks, "masks")
 
 
-def _of(tracks: Tracks, body: int) -> float:
-    """px; NaN where nothing is known."""
-    found = []
-    for order in ORDERS:
-        parts = []
-        for first, last in runs(tracks.seen[:, body]):
-            path = tracks.places[first:last, body]
-            if len(path) > order:
-                moved = np.hypot(*(path[order:] - path[:-order]).T) > 2 * tracks.floor
-                parts.append(np.abs(np.diff(path, order, axis=0))[moved])
-        values = np.concatenate(parts) if parts else np.empty((0, 2))
-        spread = np.sqrt(sum(comb(order, k) ** 2 for k in range(order + 1)))
-        found.append(TO_SIGMA * float(np.median(values)) / spread if len(values) >= FEWEST else np.nan)
-    third, fifth = found
-    return fifth if fifth < CLEARLY * third else third
+def _silhouette(frame: int, mask: NDArray[np.bool_]) -> Silhouette | None:
+    """None where too little is seen."""
+    ys, xs = np.nonzero(mask)
+    if len(xs) < LIMITS.least:
+        return None
+    x0, y0 = int(xs.min()), int(ys.min())
+    x, y = float(xs.mean()), float(ys.mean())
+    part = np.pad(mask[y0 : ys.max() + 1, x0 : xs.max() + 1], 1).astype(np.uint8)
+    inside = cv2.distanceTransform(part, cv2.DIST_L2, 5)
+    core = max(float(inside[round(y) - y0 + 1, round(x) - x0 + 1]) - 0.5, 0.0)
+    reach = float(np.hypot(xs - x, ys - y).max()) + 0.5
+    high, wide = mask.shape
+    cut = x0 == 0 or y0 == 0 or xs.max() == wide - 1 or ys.max() == high - 1
+    return Silhouette(frame, (x, y), float(len(xs)), core, reach, bool(cut))
+
+
+def _pictures(folder: Path) -> list[Path]:
+    """PNG files in the natural order of their names; `ids-*.png` alone where there are such."""
+    found = [path for path in folder.iterdir() if path.suffix.lower() == ".png" and path.is_file()]
+    own = [path for path in found if path.name.startswith("ids-")]
+    return sorted(own or found, key=lambda path: natural(path.name))
+
+
+def _maps(paths: list[Path]) -> Iterator[Ids]:
+    """Raises InputError for different sizes, and pictures that are no maps."""
+    size = None
+    for path in paths:
+        ids = _ids(path)
+        if size is not None and ids.shape != size:
+            found, fix = f"{ids.shape[1]} x {ids.shape[0]} px", "give frames of one size"
+            raise InputError.of(str(path), found, f"is not the size of {paths[0].name}", fix)
+        size = ids.shape
+        values = len(np.unique(ids))
+        if values > LIMITS.ids:
+            fix = "give maps with a number or colour a body"
+            raise InputError.of(str(path), f"{values:,} values", "are no ids: it is a photo", fix)
+        yield ids
+
+
+def _ids(path: Path) -> Ids:
+    """(H, W): grey values, or colours as one number, red first; black is the background."""
+    try:
+        with Image.open(path, formats=("PNG",)) as picture:
+            if picture.width * picture.height > MOST_PIXELS:
+                found = f"{picture.width} x {picture.height} px"
+                raise InputError.of(str(path), found, "are too many", "make it smaller")
+            if picture.mode in ("RGB", "RGBA"):
+                return np.asarray(picture.convert("RGB"), np.int64) @ np.array([1 << 16, 1 << 8, 1])
+            return np.asarray(picture).astype(np.int64)
+    except (OSError, UnidentifiedImageError, SyntaxError) as error:
+        raise InputError.of(str(path), "", f"cannot be read: {error}", "save it as PNG") from None
