@@ -192,10 +192,8 @@ def make(
     for done, k in enumerate(order):
         progress("clips", done, len(pairs))
         method, scene = pairs[k]
-        path = methods.film(method, scene)
-        assert path is not None  # the scene is complete
         try:
-            film, size = _encoded(path)
+            film, size = _encoded(methods.films[method, scene])
             clips.append(PageClip(f"c{done + 1}", method, scene, film, size))
         except InputError as error:
             problems += error.problems

@@ -1,4 +1,6 @@
 // The table of scores: sorted by a click on a head, and clips of every row in its order.
+const part = name => document.querySelector(`[data-part=${name}]`);
+const all = (what, within = document) => [...within.querySelectorAll(what)];
 const standing = part("standing"), body = standing.tBodies[0], heads = [...standing.tHead.rows[0].cells];
 const collate = new Intl.Collator(undefined, { numeric: true, sensitivity: "base" });
 

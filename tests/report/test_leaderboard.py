@@ -162,11 +162,9 @@ def test_a_page_of_somebody_else_is_kept_and_a_file_is_no_folder(
     ran(capsys, str(home), "-o", str(tmp_path))
     assert (tmp_path / "index.html~").read_text() == "mine"
     assert main(["evaluate", "leaderboard", str(home), "-o", str(tmp_path / "index.html")]) == 2
-    assert main(["evaluate", "leaderboard", str(home), "--single-file"]) == 2
     assert main(["evaluate", "leaderboard", str(tmp_path / "none")]) == 2
     said = capsys.readouterr().err
     assert "is a file" in said
-    assert "name one with -o" in said
     assert "is no folder" in said
 
 
@@ -211,27 +209,3 @@ def test_nobody_is_best_of_equals_or_by_less_than_nought(home: Path) -> None:
     ])  # fmt: skip
     best = {score.name: score.best(names) for score in scores_of(methods_in(home))}
     assert best == {"fid: image kid": {"drift", "melt"}, "fid: error": set(), "fid: image fid": {"ours"}}
-
-
-def test_a_board_that_is_stopped_leaves_nothing(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from physgen.evaluate import leaderboard as page
-
-    first = page.screened
-    seen = []
-
-    def stopped(*arguments: Any) -> Any:
-        if len(seen) == 2:
-            raise KeyboardInterrupt
-        seen.append(first(*arguments))
-        return seen[-1]
-
-    board = home.parent / "board"
-    monkeypatch.setattr(page, "screened", stopped)
-    for there in (False, True):
-        if there:
-            board.mkdir()
-            (board / "mine.txt").write_text("mine")
-        seen.clear()
-        assert main(["evaluate", "leaderboard", str(home), "-o", str(board)]) == 130
-        assert seen
-        assert [path.name for path in board.iterdir()] == ["mine.txt"] if there else not board.exists()

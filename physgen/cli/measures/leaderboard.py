@@ -6,8 +6,7 @@ import argparse
 from pathlib import Path
 
 from physgen.cli.measures.output import add_output, show
-from physgen.cli.output import OK, Bar, print_backup, print_error, print_problem
-from physgen.problems import InputError
+from physgen.cli.output import OK, Bar, print_backup, print_error
 
 ABOUT = "Methods side by side: their clips of every scene in step, and what other measures say of them."
 EXAMPLE = "leaderboard METHODS -o board"
@@ -39,34 +38,23 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--title", metavar="TEXT", help="what stands above the page; default: the folder's name"
     )
-    parser.add_argument(
-        "--single-file", action="store_true", help="put pictures and videos into the page, to be mailed"
-    )
 
 
 def run(options: argparse.Namespace) -> int:
-    from physgen.evaluate.leaderboard import cleaned_on_failure, findings, make_board, scores_of, write_board
+    from physgen.evaluate.leaderboard import findings, make_board, scores_of, write_board
     from physgen.evaluate.measure import check_folder
     from physgen.evaluate.methods import methods_in
-    from physgen.report.films import size_warning
 
-    folder, single = options.output, options.single_file
-    if single and not folder:
-        raise InputError.of("--single-file", "", "needs a folder for the page", "name one with -o")
+    folder: Path | None = options.output
     check_folder(folder)
     methods = methods_in(options.folder, options.photos)
     scores = scores_of(methods, options.scores)
     bar = Bar()
-    with cleaned_on_failure(folder):
-        board = make_board(methods, scores, folder, single, bar.show)
-        bar.clear()
-        found = findings(board)
-        if folder:
-            title = options.title or methods.folder.resolve().name
-            index = write_board(board, found, folder, title, options.command_line, single, print_backup)
-    show(found, options)
+    board = make_board(methods, scores, folder, bar.show)
+    bar.clear()
     if folder:
-        if single and (large := size_warning(index, "leave out --single-file")) is not None:
-            print_problem(large)
+        title = options.title or methods.folder.resolve().name
+        index = write_board(board, folder, title, options.command_line, print_backup)
         print_error(f"the page: {index}")
+    show(findings(board), options)
     return OK
