@@ -110,7 +110,7 @@ def make_clip(path: Path, options: GoldenOptions, warm: Stages) -> tuple[Traject
     scene = warm.load(path, options.overrides, options.variant, options.allow_outside)
     maps = warm.maps(scene)
     compiled = warm.compile(scene, maps)
-    trajectory = warm.simulate(compiled.world, cached=False)
+    trajectory = warm.simulate(compiled.world)
     stills = None
     if options.pixels is not None:
         filming = Film(scene, compiled, maps, RunRecord(scene=scene.name, command=[]), warm)

@@ -246,7 +246,7 @@ class _Take:
         compiled = warm.compile(scene, maps)
         progress("simulate", 0, 1)
         self.scene = scene
-        self.trajectory = warm.simulate(compiled.world, progress, cached=False)
+        self.trajectory = warm.simulate(compiled.world, progress)
         self._filming = Film(scene, compiled, maps, RunRecord(scene="", command=[]), warm, device)
 
     def frames(self) -> Iterator[Frame]:

@@ -24,8 +24,6 @@ from physgen.scene.scene import Scene
 
 ROOMS = ("compile", "geometry", "perceive", "pipeline", "render", "scene", "simulate")
 """Packages whose code makes unrefined frames; `perceive` fills what objects leave behind."""
-MOVING = ("compile", "geometry", "scene", "simulate")
-"""Packages whose code makes motions."""
 AFTERWARDS = {
     "Scene": {"name", "folder", "image", "assets", "refine", "places", "document", "variants", "files"},
     "Render": {"overlay", "play"},
@@ -33,10 +31,8 @@ AFTERWARDS = {
     "Light": {"provenance"},
 }
 """What a scene says that no unrefined frame shows. The photo and its maps count by their bytes, not by their names."""
-FORMAT = 1
+FORMAT = 2
 """Counted up when an entry of frames is laid out in another way."""
-MOTION_FORMAT = 1
-"""Likewise of motions."""
 
 
 def key(stage: str, *parts: Any) -> str:
@@ -49,8 +45,8 @@ def key(stage: str, *parts: Any) -> str:
 
 
 def motion_key(world: World) -> str:
-    """The key of a world's motion at the times of its frames."""
-    return key("motion", MOTION_FORMAT, code_version(MOVING), world)
+    """The key of a world's motion at the times of its frames, in this process."""
+    return key("motion", world)
 
 
 def guidance_key(scene: Scene, inputs: Mapping[str, str], device: str) -> str:

@@ -69,7 +69,7 @@ def render_scene(
         trajectory = footage.trajectory
     else:
         progress("simulate", 0, 1)
-        trajectory = run.film.simulated(progress, options.cached, warn)
+        trajectory = run.film.simulated(progress)
     draws = run.analyse(trajectory)
     with atomic_folder(run.final) as folder:
         if footage is None:

@@ -1,4 +1,4 @@
-"""Cached trajectories and unrefined frames.
+"""Cached unrefined frames.
 
 A frame is stored as its difference from the first where that is mostly 0, else as the difference of each pixel from its
 left neighbour; deflated and lossless.
@@ -7,9 +7,11 @@ left neighbour; deflated and lossless.
 from __future__ import annotations
 
 import io
+import json
 import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -50,7 +52,7 @@ class Footage:
 
     size: tuple[int, int]
     """(H, W) px."""
-    blobs: list[tuple[bytes, bytes, bytes]]
+    blobs: Sequence[tuple[bytes | memoryview, ...]]
     """Deflated picture, coverage and ids of each frame."""
     still: list[bool]
     """Which pictures are differences from the first."""
@@ -87,26 +89,28 @@ class Footage:
     def _ids(self, frame: int) -> U16:
         return self._decoded(frame, 2).view("<u2").reshape(self.size).astype(np.uint16, copy=False)
 
-    def to_bytes(self) -> bytes:
-        """For the cache."""
-        buffer = io.BytesIO()
-        lengths = np.array([[len(blob) for blob in row] for row in self.blobs], np.int64).reshape(-1, 3)
-        pictures = np.frombuffer(b"".join(blob for row in self.blobs for blob in row), np.uint8)
-        motion = np.frombuffer(self.trajectory.to_bytes(), np.uint8)
-        np.savez(buffer, size=self.size, still=self.still, lengths=lengths, pictures=pictures, motion=motion)
-        return buffer.getvalue()
+    def parts(self) -> list[bytes | memoryview]:
+        """For the cache: a header in JSON with its length, the motion, and the blobs as they are."""
+        motion = self.trajectory.to_bytes()
+        lengths = [[len(blob) for blob in row] for row in self.blobs]
+        about = {"size": self.size, "still": self.still, "lengths": lengths, "motion": len(motion)}
+        head = json.dumps(about).encode()
+        return [len(head).to_bytes(8, "big"), head, motion, *(blob for row in self.blobs for blob in row)]
 
     @classmethod
-    def from_bytes(cls, data: bytes) -> Footage:
-        """The inverse of `to_bytes`. Raises ValueError or KeyError for other data."""
-        with np.load(io.BytesIO(data), allow_pickle=False) as file:
-            ends = np.cumsum(file["lengths"])
-            pictures = file["pictures"].tobytes()
-            parts = [pictures[a:b] for a, b in zip([0, *ends[:-1].tolist()], ends.tolist(), strict=False)]
-            blobs = [(parts[k], parts[k + 1], parts[k + 2]) for k in range(0, len(parts), 3)]
-            height, width = file["size"].tolist()
-            trajectory = read_trajectory(io.BytesIO(file["motion"].tobytes()))
-            return cls((height, width), blobs, file["still"].tolist(), trajectory)
+    def from_parts(cls, data: memoryview) -> Footage:
+        """The inverse of `parts`, joined. Raises ValueError or KeyError for other data."""
+        at = 8 + int.from_bytes(data[:8], "big")
+        head = json.loads(bytes(data[8:at]))
+        motion = read_trajectory(io.BytesIO(data[at : at + head["motion"]]))
+        at += head["motion"]
+        blobs: list[tuple[bytes | memoryview, ...]] = []
+        for row in head["lengths"]:
+            ends = [at, *(at + sum(row[: k + 1]) for k in range(len(row)))]
+            blobs.append(tuple(data[a:b] for a, b in pairwise(ends)))
+            at = ends[-1]
+        height, width = head["size"]
+        return cls((height, width), blobs, head["still"], motion)
 
 
 def footage(
@@ -122,10 +126,10 @@ def footage(
     """
     if store is not None and (data := store.read(key)) is not None:
         try:
-            return Footage.from_bytes(data)
+            return Footage.from_parts(data)
         except (ValueError, KeyError):
             pass  # written by another version
-    blobs: list[tuple[bytes, bytes, bytes]] = []
+    blobs: list[tuple[bytes | memoryview, ...]] = []
     still: list[bool] = []
     sizes: list[tuple[int, ...]] = []
     first: list[U8] = []
@@ -142,26 +146,12 @@ def footage(
             less = rgb.copy()
             less[:, 1:] -= rgb[:, :-1]
         steps = np.rint(np.clip(coverage, 0, 1) * np.float32(255)).astype(np.uint8)
-        parts = [
-            zlib.compress(np.ascontiguousarray(part).data, 1)
-            for part in (less, steps, ids.astype("<u2", copy=False))
-        ]
-        blobs.append((parts[0], parts[1], parts[2]))
+        parts = (less, steps, ids.astype("<u2", copy=False))
+        blobs.append(tuple(zlib.compress(np.ascontiguousarray(part).data, 1) for part in parts))
 
     trajectory = film(add)
     height, width = sizes[0] if sizes else (0, 0)
     made = Footage((height, width), blobs, still, trajectory)
     if store is not None and unchanged():
-        store.write(key, made.to_bytes())
+        store.write(key, made.parts())
     return made
-
-
-def load_motion(store: Store | None, key: str) -> Trajectory | None:
-    """The stored trajectory of a key, or None."""
-    data = None if store is None else store.read(key)
-    if data is None:
-        return None
-    try:
-        return read_trajectory(io.BytesIO(data))
-    except (OSError, ValueError, KeyError, TypeError):
-        return None  # written by another version

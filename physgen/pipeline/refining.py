@@ -107,7 +107,7 @@ def guidance_footage(
 
     def draw(add: Add) -> Trajectory:
         progress("simulate", 0, 1)
-        trajectory = film.simulated(progress, cached, warn)
+        trajectory = film.simulated(progress)
         count = len(trajectory.times)
         frames = film.frames(trajectory, range(count))
         mattes = film.frames(trajectory, range(count), matte=True)

@@ -1,14 +1,13 @@
 """The stages from a scene file to frames: one function per stage, top-down, and the same with memory.
 
 `Stages` keeps results in this process from one clip to the next, for as long as their inputs are the same: scenes that
-differ in a force, a mass or a light share the parsed file, the photo's maps and the sprites. Motions also outlast the
-process, in the store of `physgen.pipeline.cache`. `Film` draws the frames of one scene.
+differ in a force, a mass or a light share the parsed file, the photo's maps and the sprites. `Film` draws the frames of
+one scene.
 """
 
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -21,7 +20,7 @@ from numpy.typing import NDArray
 
 from physgen.files import Stamp, file_stamp
 from physgen.pipeline.packs import scene_file
-from physgen.problems import InputError, Problem, Warn, ignore_warning
+from physgen.problems import InputError, Problem
 from physgen.progress import Progress, silent
 
 if TYPE_CHECKING:
@@ -43,8 +42,6 @@ T = TypeVar("T")
 
 MOST_POSES = 20_000_000
 """Samples times objects of one trajectory: about 2 GB."""
-WORTH = 0.03
-"""s that a simulation takes from which on it is stored on disk: reading one back takes a tenth of that."""
 MOST_HASHES = 20_000
 """Files whose hashes are remembered."""
 MOST_PIXELS = 2_000_000
@@ -359,28 +356,12 @@ class Stages:
         self,
         world: World,
         progress: Progress = silent,
-        cached: bool = True,
-        warn: Warn = ignore_warning,
         tape: StepLog | None = None,
     ) -> Trajectory:
-        """See `simulate`; read from the store on disk where it is `cached`. A known motion leaves the `tape` empty."""
-        from physgen.pipeline.cache import open_store
+        """See `simulate`. A motion that this process knows leaves the `tape` empty."""
         from physgen.pipeline.cache_keys import motion_key
-        from physgen.pipeline.footage import load_motion
 
-        read = motion_key(world)
-
-        def run() -> Trajectory:
-            store = open_store(warn=warn) if cached else None
-            if (found := load_motion(store, read)) is not None:
-                return found
-            begun = time.perf_counter()
-            made = simulate(world, progress=progress, tape=tape)
-            if store is not None and time.perf_counter() - begun > WORTH:
-                store.write(read, made.to_bytes())
-            return made
-
-        return self._motions.of(read, run)
+        return self._motions.of(motion_key(world), lambda: simulate(world, progress=progress, tape=tape))
 
     def hash(self, file: Path) -> str:
         """SHA-256 of a file, computed once while the file does not change. Raises OSError."""
@@ -414,13 +395,13 @@ class Film:
         """Of a trajectory: the samples at which its frames are exposed, and how many a frame has."""
         self._tape: StepLog | None = None
 
-    def simulated(self, progress: Progress, cached: bool, warn: Warn) -> Trajectory:
+    def simulated(self, progress: Progress) -> Trajectory:
         """The motion, a sample a frame; its steps are kept where it is run now."""
         from physgen.simulate.recorder import StepLog
 
         self._tape = StepLog()
         with self._record.stage("simulate"):
-            return self._stages.simulate(self.compiled.world, progress, cached, warn, self._tape)
+            return self._stages.simulate(self.compiled.world, progress, self._tape)
 
     def sampled(self, times: NDArray[np.float64]) -> Trajectory:
         """The same motion at other times, s: the engine's steps do not depend on its samples."""

@@ -13,7 +13,7 @@ from physgen.pipeline.cache import SUFFIX, open_store
 
 
 def put(key: str, size: int) -> None:
-    open_store().write(key, b"x" * size)
+    open_store().write(key, [b"x" * size])
 
 
 def test_show_of_nothing_makes_nothing(capsys) -> None:
@@ -100,7 +100,7 @@ def test_a_wrong_bound_gets_one_line(capsys, monkeypatch: pytest.MonkeyPatch) ->
 
 def test_a_folder_that_cannot_be_cleared_is_told_of(capsys, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    (open_store().root / ".lock").mkdir(parents=True)
+    (open_store().root / f"s-a{SUFFIX}").mkdir(parents=True)
     assert main(["cache", "clear"]) == 1
     told = capsys.readouterr().err
-    assert told == f"{open_store().root / '.lock'}: Is a directory\n"
+    assert told == f"{open_store().root / f's-a{SUFFIX}'}: Is a directory\n"

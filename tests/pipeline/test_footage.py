@@ -103,7 +103,7 @@ def test_a_damaged_one_is_filmed_again(motion: Trajectory, tmp_path: Path) -> No
     path = tmp_path / f"guidance-a{SUFFIX}"
     path.write_bytes(path.read_bytes()[:-5])
     assert film.agrees(footage(store, "guidance-a", film))
-    store.write("guidance-a", b"of another version")
+    store.write("guidance-a", [b"of another version"])
     assert film.agrees(footage(store, "guidance-a", film))
     assert film.calls == 3
 
