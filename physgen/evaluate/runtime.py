@@ -4,32 +4,25 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
-from statistics import median
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from physgen import pipeline
 from physgen.batch.clips import MANIFEST, checked_folders, find_clips
 from physgen.environment import Machine, this_machine
-from physgen.evaluate.measure import Figure, Findings, Progress, Section, Table, plotted
+from physgen.evaluate.measure import Findings, Progress, Section, Table, number
 from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
 from physgen.registry import Backends
-from physgen.report.record import versions
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from physgen.report.plots.style import Palette
 
 PERCEIVED = "perceived.json"
 MOST_PROBLEMS = 20
 """Manifests without times that are named."""
-MOST_SIZES = 3
-"""Sizes of videos that are listed."""
 PAPER = 180
 """s: "around 3 minute for a single generation", on an A40."""
 
@@ -56,45 +49,27 @@ PARTS = (
     Part("refinement", 35, ("load model", "refine")),
     Part("reading, encoding, report", None, ("load", "encode", "report", "keep")),
 )
-REST = Part("asked for besides", None, ())
-"""All other stages: labels, neighbours, draws."""
+ORDER = [stage for part in PARTS for stage in part.stages]
 
-
-@dataclass(frozen=True)
-class Time:
-    """Of a stage, s."""
-
-    wall: float
-    cpu: float | None
-    """Of all threads; None: not recorded."""
+Time = tuple[float, float]
+"""s of wall time, and of CPU time of all threads, NaN where that is not recorded."""
 
 
 def total(times: Sequence[Time]) -> Time:
-    cpus = [one.cpu for one in times if one.cpu is not None]
-    return Time(sum(one.wall for one in times), sum(cpus) if len(cpus) == len(times) else None)
+    return sum(wall for wall, _ in times), sum(cpu for _, cpu in times)
 
 
 @dataclass(frozen=True)
 class Run:
-    """One clip, or one photo that was perceived."""
+    """One clip, or one photo that was perceived and rendered."""
 
     name: str
     stages: Mapping[str, Time]
     """By the record's names; steps of perceiving by their role, after `perceive `."""
     machine: str
-    device: str = "cpu"
-    """What rendered, or ran models."""
-    versions: Mapping[str, str] = field(default_factory=dict)
-    frames: int = 0
-    size: tuple[int, int] = (0, 0)
-    """Width and height of the video, px."""
+    """With the device that rendered or ran models, where that is not the CPU."""
     models: tuple[str, ...] = ()
     """Backends with downloaded models, as `role=name`."""
-
-    @property
-    def place(self) -> str:
-        """Machine and device."""
-        return self.machine if self.device == "cpu" else f"{self.machine}; {self.device}"
 
     @property
     def perceived(self) -> bool:
@@ -127,51 +102,35 @@ def read_runs(roots: Sequence[Path], warn: Warn = ignore_warning) -> list[Run]:
 
 
 def _run(name: str, folder: Path, record: Mapping[str, Any]) -> Run | None:
+    """None where the record has no times."""
     try:
-        stages = {key: Time(float(one["wall"]), float(one["cpu"])) for key, one in record["stages"].items()}
+        stages = {key: (float(one["wall"]), float(one["cpu"])) for key, one in record["stages"].items()}
     except (KeyError, TypeError, ValueError, AttributeError):
         return None
-    if not stages or not all(isfinite(one.wall) and one.wall >= 0 for one in stages.values()):
+    if not stages or not all(isfinite(wall) and wall >= 0 for wall, _ in stages.values()):
         return None
     seen, models = _perceived(folder, record)
-    refine, video = record.get("refine") or {}, record.get("video") or {}
+    refine, known = record.get("refine") or {}, record.get("platform") or {}
     if refine.get("backend") not in (None, "none"):
         models = (*models, f"refine={refine['backend']}")
-    width, height = video.get("size") or (0, 0)
-    return Run(
-        name=name,
-        stages=stages | seen,
-        machine=_machine(record.get("platform") or {}),
-        device=str(refine.get("device") or record.get("device") or "cpu"),
-        versions={str(key): str(value) for key, value in (record.get("versions") or {}).items()},
-        frames=len(record.get("frames") or ()),
-        size=(int(width), int(height)),
-        models=models,
-    )
-
-
-def _machine(platform: Mapping[str, Any]) -> str:
-    """As the manifest names it; older manifests have no processor."""
-    if "processor" not in platform:
-        kind = " ".join(str(platform[key]) for key in ("machine", "system") if platform.get(key))
-        return f"{kind or 'unknown'}, model not recorded"
-    known = {key: platform.get(key) for key in ("machine", "system", "processor", "cores", "memory_gib")}
-    return str(Machine(**known))  # type: ignore[arg-type]
+    keys = ("machine", "system", "processor", "cores", "memory_gib")
+    machine = str(Machine(**{key: known[key] for key in keys})) if "processor" in known else "not recorded"
+    device = str(refine.get("device") or record.get("device") or "cpu")
+    return Run(name, stages | seen, machine if device == "cpu" else f"{machine}; {device}", models)
 
 
 def _perceived(folder: Path, record: Mapping[str, Any]) -> tuple[dict[str, Time], tuple[str, ...]]:
     """Steps of perceiving, where models took part and the scene is still in its place."""
-    assets = (record.get("document") or {}).get("assets")
-    source = record.get("source")
-    if not assets or not source or "://" in str(source):
+    assets, source = (record.get("document") or {}).get("assets"), str(record.get("source") or "://")
+    if not assets or "://" in source:
         return {}, ()
-    file = (folder / str(source)).parent / str(assets) / PERCEIVED
+    times: dict[str, Time] = {}
     try:
-        steps = json.loads(file.read_text(encoding="utf-8"))["steps"]
-        times: dict[str, Time] = {}
+        text = ((folder / source).parent / str(assets) / PERCEIVED).read_text(encoding="utf-8")
+        steps = json.loads(text)["steps"]
         for step in steps:
-            name = f"perceive {step['role']}"
-            times[name] = Time(times.get(name, Time(0, None)).wall + float(step["seconds"]), None)
+            stage = f"perceive {step['role']}"
+            times[stage] = total([times.get(stage, (0.0, np.nan)), (float(step["seconds"]), np.nan)])
         models = dict.fromkeys(f"{step['role']}={step['backend']}" for step in steps if step.get("weights"))
     except (OSError, ValueError, KeyError, TypeError):
         return {}, ()
@@ -197,230 +156,146 @@ class TimedBackends(Backends):
 def measure(photo: Path, repeat: int, progress: Progress) -> list[Run]:
     """`repeat` runs made now, offline; the first includes imports. Raises InputError for a bad photo."""
     if not photo.is_file():
-        fix = "name a photo: --measure photo.jpg"
-        raise InputError.of("--measure", f'"{photo}"', "is no photo", fix)
+        raise InputError.of("--measure", f'"{photo}"', "is no photo", "name a photo: --measure photo.jpg")
     runs = []
     for k in range(repeat):
         with TemporaryDirectory(prefix="physgen-runtime-") as folder:
-            progress("perceive", k, repeat)
+            progress("perceive and render", k, repeat)
             stages = _timed_perceiving(photo, Path(folder) / "scene.yaml")
-            progress("render", k, repeat)
             clip = pipeline.render_scene(Path(folder) / "scene.yaml", Path(folder) / "out", cached=False)
             record = json.loads((clip / MANIFEST).read_text(encoding="utf-8"))
-        stages |= {key: Time(one["wall"], one["cpu"]) for key, one in record["stages"].items()}
-        width, height = record["video"]["size"]
-        machine, frames = str(this_machine()), len(record["frames"])
-        name = f"{photo.stem} {k + 1}"
-        runs.append(Run(name, stages, machine, record["device"], versions(), frames, (width, height)))
+        stages |= {key: (one["wall"], one["cpu"]) for key, one in record["stages"].items()}
+        runs.append(Run(f"{photo.stem} {k + 1}", stages, str(this_machine())))
     return runs
 
 
 def _timed_perceiving(photo: Path, scene: Path) -> dict[str, Time]:
     backends = TimedBackends()
-    wall, cpu = time.perf_counter(), time.process_time()
+    begun = time.perf_counter(), time.process_time()
     pipeline.perceive(photo, scene, crew=backends)
-    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    spent = time.perf_counter() - begun[0], time.process_time() - begun[1]
     stages: dict[str, Time] = {}
-    for step, spent in zip(backends.steps, backends.cpu, strict=True):
-        before = stages.get(f"perceive {step.role}", Time(0, 0))
-        stages[f"perceive {step.role}"] = total([before, Time(step.seconds, spent)])
+    for step, cpu in zip(backends.steps, backends.cpu, strict=True):
+        stage = f"perceive {step.role}"
+        stages[stage] = total([stages.get(stage, (0.0, 0.0)), (step.seconds, cpu)])
     known = total(list(stages.values()))
-    stages["perceive files"] = Time(max(wall - known.wall, 0.0), max(cpu - (known.cpu or 0), 0.0))
+    stages["perceive files"] = max(spent[0] - known[0], 0.0), max(spent[1] - known[1], 0.0)
     return stages
 
 
 # ---- report ------------------------------------------------------------------------------------------------------
 
-
-@dataclass(frozen=True)
-class Spread:
-    """Of a time over runs, s."""
-
-    count: int
-    middle: float
-    least: float
-    most: float
-    cpu: float | None
-    """Median."""
-
-    def cells(self) -> tuple[str, str, str, str, str]:
-        cpu = "-" if self.cpu is None else _seconds(self.cpu)
-        return str(self.count), _seconds(self.middle), _seconds(self.least), _seconds(self.most), cpu
-
-    def row(self, machine: str, kind: str, name: str, paper: float | None) -> dict[str, Any]:
-        return {
-            "machine": machine, "kind": kind, "name": name, "runs": self.count, "wall": self.middle,
-            "wall_least": self.least, "wall_most": self.most, "cpu": self.cpu, "paper": paper,
-        }  # fmt: skip
+HEADS = ("runs", "wall", "from", "to", "CPU")
+NOTE = (
+    "Seconds; medians over runs, and the least and the most. CPU: of all threads. Whole runs: from photo to video, or "
+    "from scene to video where perceiving is not recorded. The paper's parts sum to 180 s."
+)
+CACHED = "What an earlier run left in the cache counts as long as reading it took: --no-cache runs it."
 
 
-def spread(times: Sequence[Time]) -> Spread:
-    """Of one time or more.
+def spread(times: Sequence[Time]) -> dict[str, Any]:
+    """Of one time or more, s; the CPU's is None where one is not recorded.
 
-    >>> spread([Time(1, 2), Time(3, 2), Time(2, 9)])
-    Spread(count=3, middle=2, least=1, most=3, cpu=2)
+    >>> spread([(1.0, 2.0), (3.0, 2.0), (2.0, 9.0)])
+    {'runs': 3, 'wall': 2.0, 'wall_least': 1.0, 'wall_most': 3.0, 'cpu': 2.0}
     """
-    walls, cpus = [one.wall for one in times], [one.cpu for one in times if one.cpu is not None]
-    cpu = median(cpus) if len(cpus) == len(times) else None
-    return Spread(len(times), median(walls), min(walls), max(walls), cpu)
+    walls, cpu = [wall for wall, _ in times], float(np.median([cpu for _, cpu in times]))
+    found = {"wall": float(np.median(walls)), "wall_least": min(walls), "wall_most": max(walls)}
+    return {"runs": len(times), **found, "cpu": cpu if isfinite(cpu) else None}
 
 
-def parts_of(run: Run) -> Iterator[tuple[Part, Time]]:
-    """Time of each part that one run has."""
-    left = dict(run.stages)
-    for part in PARTS:
-        mine = [left.pop(stage) for stage in part.stages if stage in left]
-        if mine:
-            yield part, total(mine)
-    if left:
-        yield REST, total(list(left.values()))
+def _cells(row: Mapping[str, Any]) -> list[str]:
+    return [
+        str(row["runs"]),
+        *(number(row[key], ".3f") for key in ("wall", "wall_least", "wall_most", "cpu")),
+    ]
 
 
 def findings(runs: Sequence[Run], here: str) -> Findings:
     """Of one run or more; `here` names this machine and its GPU."""
-    machines = list(dict.fromkeys(run.place for run in runs))
+    machines = list(dict.fromkeys(run.machine for run in runs))
     sections, rows = [], []
     for machine in machines:
-        mine = [run for run in runs if run.place == machine]
+        mine = [run for run in runs if run.machine == machine]
         after = "" if len(machines) == 1 else f": {machine}"
         parts, stages = _by_part(mine), _by_stage(mine)
-        sections.append(Section(f"By the paper's parts{after}", (), (_part_table(parts, mine),)))
-        note = "What an earlier run left in the cache counts as long as reading it took: --no-cache runs it."
-        lines = tuple((name, *found.cells()) for name, found in stages.items())
-        table = Table(("stage", "runs", "wall", "from", "to", "CPU"), lines, note=note)
-        sections.append(Section(f"Every stage{after}", (), (table,)))
-        rows += [found.row(machine, "part", part.name, part.paper) for part, found in parts.items()]
-        rows += [found.row(machine, "stage", stage, None) for stage, found in stages.items()]
+        whole, paper = _whole(mine), f"{_paper_time(mine):g} of {PAPER}"
+        lines = [(one["name"], *_cells(one), number(one["paper"], "g")) for one in parts]
+        lines.append(("whole runs", *_cells(whole), paper))
+        by_part = Table(("part", *HEADS, "the paper, A40"), tuple(lines), note=NOTE)
+        by_stage = Table(("stage", *HEADS), tuple((one["name"], *_cells(one)) for one in stages), note=CACHED)
+        sections += [
+            Section(f"By the paper's parts{after}", (), (by_part,)),
+            Section(f"Every stage{after}", (), (by_stage,)),
+        ]
+        rows += [{"machine": machine, **row} for row in (*parts, *stages)]
     more = {
         "machines": machines,
         "here": here,
-        "runs": [_record(run) for run in runs],
+        "runs": [
+            {
+                "name": run.name,
+                "machine": run.machine,
+                "models": list(run.models),
+                "stages": {key: spread([one]) for key, one in run.stages.items()},
+            }
+            for run in runs
+        ],
         "paper": {part.name: part.paper for part in PARTS if part.paper is not None} | {"all": PAPER},
     }
-    sentences = tuple(_sentences(runs, machines, here))
-    return Findings("runtime", "Runtime, stage by stage", sentences, tuple(sections), rows, (), more)
+    sentences = (_summary(runs), f"Run on {'; and on '.join(machines)}.", _models(runs))
+    return Findings("runtime", "Runtime, stage by stage", sentences, tuple(sections), rows, more=more)
 
 
-def _by_part(runs: Sequence[Run]) -> dict[Part, Spread]:
-    times: dict[Part, list[Time]] = {part: [] for part in (*PARTS, REST)}
-    for run in runs:
-        for part, spent in parts_of(run):
-            times[part].append(spent)
-    return {part: spread(each) for part, each in times.items() if each}
+def _by_part(runs: Sequence[Run]) -> list[dict[str, Any]]:
+    rows = []
+    for part in (*PARTS, Part("asked for besides", None, ())):
+        own = [
+            [t for s, t in run.stages.items() if s in (part.stages or set(run.stages) - set(ORDER))]
+            for run in runs
+        ]
+        if times := [total(some) for some in own if some]:
+            rows.append({"kind": "part", "name": part.name, **spread(times), "paper": part.paper})
+    return rows
 
 
-def _by_stage(runs: Sequence[Run]) -> dict[str, Spread]:
-    order = [stage for part in PARTS for stage in part.stages]
+def _by_stage(runs: Sequence[Run]) -> list[dict[str, Any]]:
     seen = dict.fromkeys(stage for run in runs for stage in run.stages)
-    names = sorted(seen, key=lambda stage: order.index(stage) if stage in order else len(order))
-    return {name: spread([run.stages[name] for run in runs if name in run.stages]) for name in names}
+    names = sorted(seen, key=lambda stage: ORDER.index(stage) if stage in ORDER else len(ORDER))
+    found = {name: spread([run.stages[name] for run in runs if name in run.stages]) for name in names}
+    return [{"kind": "stage", "name": name, **one, "paper": None} for name, one in found.items()]
 
 
-def _part_table(found: Mapping[Part, Spread], runs: Sequence[Run]) -> Table:
-    rows = [
-        (part.name, *one.cells(), "-" if part.paper is None else f"{part.paper:g}")
-        for part, one in found.items()
-    ]
-    paper = f"{PAPER} or so" if any(run.perceived for run in runs) else f"{_paper_time(runs):g} of {PAPER}"
-    rows.append(("whole runs", *_whole(runs).cells(), paper))
-    note = (
-        "Seconds; medians over runs, and the least and the most. CPU: of all threads. Whole runs: from photo to video, "
-        "or from scene to video where perceiving is not recorded. The paper's parts sum to 180 s; its text says 1 "
-        "minute for perception, its table 80 s."
-    )
-    return Table(("part", "runs", "wall", "from", "to", "CPU", "the paper, A40"), tuple(rows), note=note)
-
-
-def _complete(runs: Sequence[Run]) -> Sequence[Run]:
-    """Runs with recorded perceiving, where there are any: the others began with a scene."""
-    return [run for run in runs if run.perceived] or runs
-
-
-def _whole(runs: Sequence[Run]) -> Spread:
-    return spread([total(list(run.stages.values())) for run in _complete(runs)])
+def _whole(runs: Sequence[Run]) -> dict[str, Any]:
+    """Of runs with recorded perceiving, where there are any: the others began with a scene."""
+    full = [run for run in runs if run.perceived] or runs
+    return spread([total(list(run.stages.values())) for run in full])
 
 
 def _paper_time(runs: Sequence[Run]) -> float:
     """s that the paper's table has for the parts of these runs."""
-    there = {part for run in runs for part, _ in parts_of(run)}
-    return sum(part.paper for part in PARTS if part.paper is not None and part in there)
+    there = {stage for run in runs for stage in run.stages}
+    return sum(part.paper for part in PARTS if part.paper is not None and there & set(part.stages))
 
 
-def _seconds(value: float) -> str:
-    return f"{value:.3f}" if value < 10 else f"{value:.1f}"
-
-
-def _sentences(runs: Sequence[Run], machines: Sequence[str], here: str) -> Iterator[str]:
-    full, whole = _complete(runs), _whole(runs)
-    seen = any(run.perceived for run in runs)
-    did = ["perceiving"] if seen else []
-    did.append("simulating, rendering and encoding")
-    did += ["refining"] if any("refine" in run.stages for run in full) else []
-    count = f"{len(full)} runs" if len(full) > 1 else "One run"
-    same = _paper_time(full)
-    parts = f"{same:g} s for these parts, on an A40" if same else "has no time of these parts"
-    paper = "3 minutes, on an A40 with GPT-4V" if seen else parts
-    yield (
-        f"{count}, {' and '.join(did)}: {_seconds(whole.middle)} s of wall time ({_seconds(whole.least)} to "
-        f"{_seconds(whole.most)}) in the median. The paper: {paper}."
+def _summary(runs: Sequence[Run]) -> str:
+    whole, perceived = _whole(runs), any(run.perceived for run in runs)
+    did = ["perceiving"] if perceived else []
+    did += ["simulating, rendering and encoding"]
+    did += ["refining"] if any("refine" in run.stages for run in runs) else []
+    count = f"{whole['runs']} runs" if whole["runs"] > 1 else "One run"
+    paper = (
+        "3 minutes, on an A40 with GPT-4V"
+        if perceived
+        else f"{_paper_time(runs):g} s for these parts, on an A40"
     )
-    yield f"Run on {'; and on '.join(machines)}."
-    if any("not recorded" in machine for machine in machines):
-        yield f"This machine, where the records are read, is {here}."
-    if models := sorted({model for run in runs for model in run.models}):
-        yield f"Models: {', '.join(models)}."
-    else:
-        yield "No downloaded models took part: the offline steps do what the paper does with them."
-    if not seen:
-        yield (
-            "How long perceiving took is recorded where models did it (perceived.json among a scene's assets): not in "
-            "these. --measure times it."
-        )
-    frames, sizes = sorted({run.frames for run in runs}), sorted({run.size for run in runs})
-    some = f"{frames[0]}" if len(frames) == 1 else f"{frames[0]} to {frames[-1]}"
-    several = [f"{wide} x {high}" for wide, high in sizes]
-    size = " and ".join(several) if len(several) <= MOST_SIZES else f"{several[0]} to {several[-1]}"
-    yield f"Clips of {some} frames, {size} px; the paper's have 16 frames of 512 x 512."
-    kinds = {
-        ", ".join(f"{key} {value}" for key, value in run.versions.items()) for run in runs if run.versions
-    }
-    if kinds:
-        yield f"Versions: {'; '.join(sorted(kinds))}."
+    return (
+        f"{count}, {' and '.join(did)}: {whole['wall']:.3f} s of wall time ({whole['wall_least']:.3f} to "
+        f"{whole['wall_most']:.3f}) in the median. The paper: {paper}."
+    )
 
 
-def _record(run: Run) -> dict[str, Any]:
-    return {
-        "name": run.name, "machine": run.machine, "device": run.device, "frames": run.frames, "size": list(run.size),
-        "models": list(run.models), "versions": dict(run.versions),
-        "stages": {stage: {"wall": one.wall, "cpu": one.cpu} for stage, one in run.stages.items()},
-    }  # fmt: skip
-
-
-def plot(runs: Sequence[Run]) -> Figure:
-    """Medians of the parts as bars, ours and the paper's, on a logarithmic axis."""
-    found = {part: one for part, one in _by_part(runs).items() if one.middle > 0}
-
-    def draw(axes: Axes, palette: Palette) -> None:
-        least = min(one.least or one.middle for one in found.values())
-        for k, (part, one) in enumerate(found.items()):
-            first = k == 0
-            axes.barh(
-                k - 0.19,
-                one.middle,
-                0.36,
-                color=palette.blue,
-                label="median of these runs" if first else None,
-            )
-            axes.plot([max(one.least, 1e-4), one.most], [k - 0.19] * 2, color=palette.ink, linewidth=0.8)
-            if part.paper is not None:
-                axes.barh(k + 0.19, part.paper, 0.36, color=palette.faint)
-        axes.barh(0, 0, color=palette.faint, label="the paper, A40")
-        axes.set_yticks(range(len(found)), [part.name for part in found])
-        axes.set(xscale="log", xlim=(max(least / 2, 1e-4), 200), xlabel="wall time (s)")
-        axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
-        axes.invert_yaxis()
-        axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2)
-        axes.set_position((0.3, 0.14, 0.66, 0.74))  # names need room
-
-    about = "Wall time of each part: medians of these runs and their ranges, and the paper's; the axis is logarithmic."
-    return plotted(draw, about, 140, 75)
+def _models(runs: Sequence[Run]) -> str:
+    models = sorted({model for run in runs for model in run.models})
+    nothing = "No downloaded models took part: the offline steps do what the paper does with them."
+    return f"Models: {', '.join(models)}." if models else nothing

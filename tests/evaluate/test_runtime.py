@@ -80,12 +80,10 @@ def test_machines_are_not_mixed(clips: Path, capsys: pytest.CaptureFixture[str])
     assert told["machines"] == [
         "Abacus 3, 4 cores, 8 GiB, Y",
         "Abacus 3, 4 cores, 8 GiB, Y; cuda: H200",
-        "x Y, model not recorded",
+        "not recorded",
     ]
     walls = [row["wall"] for row in told["rows"] if row["name"] == "simulate"]
     assert walls == [2, 60, 50]
-    assert main(["evaluate", "runtime", str(clips)]) == 0
-    assert "This machine, where the records are read, is" in capsys.readouterr().out
 
 
 def test_what_models_took_comes_from_the_scenes_assets(clips: Path) -> None:
@@ -99,9 +97,9 @@ def test_what_models_took_comes_from_the_scenes_assets(clips: Path) -> None:
     (assets / "perceived.json").write_text(json.dumps({"steps": steps}))
     clip(clips / "seen", 2.0, document={"assets": "scene.assets", "objects": {}})
     run = next(run for run in read_runs([clips]) if run.name.endswith("seen"))
-    assert run.stages["perceive segment"].wall == 40
-    assert run.stages["perceive inpaint"].wall == 3
-    assert run.stages["perceive inpaint"].cpu is None
+    assert run.stages["perceive segment"][0] == 40
+    assert run.stages["perceive inpaint"][0] == 3
+    assert np.isnan(run.stages["perceive inpaint"][1])
     assert run.models == ("segment=sam3",)
 
 
@@ -153,9 +151,8 @@ def test_a_photo_is_perceived_and_rendered_now(tmp_path: Path, capsys: pytest.Ca
     names = {row["name"] for row in told["rows"] if row["kind"] == "stage"}
     assert {"perceive segment", "perceive inpaint", "simulate", "render", "encode"} <= names
     assert told["machines"] == [str(environment.this_machine())]
-    assert told["runs"][0]["size"] == [80, 64]
     assert all(row["cpu"] is not None for row in told["rows"])
-    assert "data:image/svg+xml" in (tmp_path / "page" / "index.html").read_text()
+    assert "whole runs" in (tmp_path / "page" / "index.html").read_text()
 
 
 def test_a_manifest_names_the_machine(tmp_path: Path) -> None:

@@ -28,15 +28,15 @@ def add(parser: argparse.ArgumentParser) -> None:
         help=f"perceive and render a photo now, offline; default: {PHOTO}",
     )
     parser.add_argument("--repeat", metavar="N", type=count, default=3, help="runs of --measure; default: 3")
-    add_output(parser, "write a page with a plot in this folder")
+    add_output(parser, "write a page in this folder")
 
 
 def run(options: argparse.Namespace) -> int:
     from physgen.environment import gpu, this_machine
     from physgen.evaluate.measure import check_folder
-    from physgen.evaluate.runtime import findings, measure, plot, read_runs
+    from physgen.evaluate.runtime import findings, measure, read_runs
 
-    check_folder(options.output, plots=True)
+    check_folder(options.output)
     if not options.folders and options.measure is None:
         fix = "name folders of clips, or add --measure"
         raise InputError.of("evaluate runtime", "", "was given no records", fix)
@@ -47,6 +47,4 @@ def run(options: argparse.Namespace) -> int:
         bar.clear()
     graphics = gpu()
     found = findings(runs, f"{this_machine()}{f', {graphics}' if graphics else ', no GPU'}")
-    if options.output:
-        found = found.with_parts({found.sections[0].title: (plot(runs),)})
     return hand_over(found, options)
