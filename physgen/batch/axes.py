@@ -86,14 +86,6 @@ class Listed(Key):
             (0 if part.whole else 0.5) if isinstance(part, Steps) else part.data for part in self.parts
         )
 
-    @property
-    def written(self) -> Iterator[int]:
-        """Indices of the values that the user wrote: of a range its ends."""
-        for part, start in zip(self.parts, self._starts, strict=False):
-            yield start
-            if isinstance(part, Steps):
-                yield start + part.count - 1
-
 
 @dataclass(frozen=True)
 class Drawn(Key):
@@ -255,17 +247,17 @@ def _matches(document: Any, path: KeyPath, before: KeyPath = ()) -> Iterator[Key
         return
     place = document
     for part in path[:wildcard]:
-        place = child(place, part)
+        place = _child(place, part)
     names: Sequence[str | int] = ()
     if isinstance(place, list):
         names = range(len(place))
     elif path[wildcard] == "*" and hasattr(place, "keys"):
         names = list(place.keys())
     for name in names:
-        yield from _matches(child(place, name), path[wildcard + 1 :], (*before, *path[:wildcard], name))
+        yield from _matches(_child(place, name), path[wildcard + 1 :], (*before, *path[:wildcard], name))
 
 
-def child(document: Any, part: str | int) -> Any:
+def _child(document: Any, part: str | int) -> Any:
     """One value of a list or mapping; None where it is missing."""
     if isinstance(document, list):
         return document[int(part)] if str(part).isdecimal() and int(part) < len(document) else None

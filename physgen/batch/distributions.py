@@ -26,8 +26,8 @@ MAX_COUNT = 10_000_000
 """Values of a range."""
 EXACT_INT = 2**53
 """From here on a float does not hold every whole number."""
-MAX_DEVIATIONS = 37.0
-"""Bounds of a normal distribution may lie this many standard deviations from its mean: beyond, shares underflow."""
+MIN_SHARE = 1e-9
+"""Of a normal distribution that must lie between its bounds: floats resolve less too coarsely."""
 EXAMPLES = {
     "uniform": "~uniform(0.2, 0.9)",
     "loguniform": "~loguniform(1, 1000)",
@@ -151,28 +151,22 @@ class Normal:
 
     def at(self, share: float) -> Value:
         """See Distribution."""
-        mirrored, begin, end = self._shares
-        part = 1 - share if mirrored else share
-        z = _NORMAL.inv_cdf(min(max(begin + (end - begin) * part, 1e-320), 1 - 2**-53))
-        value = self.mean + self.deviation * (-z if mirrored else z)
-        return number_value(min(max(value, self.low), self.high))
+        begin, end = self._shares
+        z = _NORMAL.inv_cdf(min(max(begin + (end - begin) * share, 1e-320), 1 - 2**-53))
+        return number_value(min(max(self.mean + self.deviation * z, self.low), self.high))
 
     @property
-    def _shares(self) -> tuple[bool, float, float]:
-        """Shares below both bounds; mirrored where the bounds lie in the upper tail, which floats resolve worse."""
-        bounds = [(bound - self.mean) / self.deviation for bound in (self.low, self.high)]
-        mirrored = sum(bounds) > 0 if all(map(isfinite, bounds)) else bounds[0] > 0
-        if mirrored:
-            bounds = [-bound for bound in reversed(bounds)]
+    def _shares(self) -> tuple[float, float]:
+        """Shares of the distribution without bounds that lie below both bounds."""
+        bounds = ((bound - self.mean) / self.deviation for bound in (self.low, self.high))
         begin, end = (0.5 * erfc(-bound / sqrt(2)) for bound in bounds)
-        return mirrored, begin, end
+        return begin, end
 
     @property
     def is_empty(self) -> bool:
         """Whether no part of the distribution that floats can resolve lies between the bounds."""
-        nearest_bound = max((self.low - self.mean) / self.deviation, (self.mean - self.high) / self.deviation)
-        _, begin, end = self._shares
-        return nearest_bound > MAX_DEVIATIONS or not begin < end
+        begin, end = self._shares
+        return not end - begin > MIN_SHARE
 
 
 @dataclass(frozen=True)

@@ -18,23 +18,22 @@ from functools import cached_property
 from math import prod
 from typing import Any
 
-from physgen.batch.axes import Axis, Drawn, Listed, child, same_key
+from physgen.batch.axes import Axis, Drawn, Listed, same_key
 from physgen.batch.distributions import draw, latin_draw
 from physgen.batch.values import Value
-from physgen.problems import InputError, Place, Problem, Severity, by_place
+from physgen.problems import InputError, Problem
 from physgen.report.sweep_keys import shortest_names
 from physgen.scene.load import Opened
 from physgen.scene.scene import Scene
-from physgen.text import KeyPath, listed, quoted
+from physgen.text import quoted
 
 MAX_CLIPS = 10_000_000
 MAX_NAME_BYTES = 100
 """File systems allow 255, and traces and parts of files are named after clips."""
 MAX_VALUE_LENGTH = 24
 """Characters of a value in a name."""
-MAX_CHECKED_VALUES = 200
-"""So that no sweep begins with a long wait."""
 MAX_CHECKED_VARIANTS = 50
+"""So that no sweep begins with a long wait."""
 
 
 class Design(Enum):
@@ -94,20 +93,6 @@ class Sweep:
 
     def __iter__(self) -> Iterator[Point]:
         return map(self.__getitem__, range(len(self)))
-
-    def find(self, name: str) -> Point | None:
-        """The clip of that name."""
-        sizes = [len(self.variants)] * (len(self.variants) > 1) + [len(axis) for axis in self._grid]
-        sizes += [self.samples] * bool(self.samples)
-        parts = re.split("[-,]", name)[: len(sizes)]
-        places = [int(part) for part in parts if re.fullmatch("[0-9]{1,18}", part)]
-        if len(places) != len(sizes) or any(place >= size for place, size in zip(places, sizes, strict=True)):
-            return None
-        number = 0
-        for place, size in zip(places, sizes, strict=True):
-            number = number * size + place
-        point = self[number]
-        return point if point.name == name else None
 
     @property
     def _sizes(self) -> list[int]:
@@ -217,36 +202,24 @@ def _short_scalar(data: Any) -> str:
     return re.sub(r"[^\w.+-]+", "_", str(data)).strip("_.")[:MAX_VALUE_LENGTH] or "_"
 
 
-@dataclass(frozen=True)
-class Check:
-    """What checking a sweep found."""
+def check_values(sweep: Sweep, opened: Opened, overrides: Sequence[str] = ()) -> tuple[str, ...]:
+    """Loads the scene with a typical value of every key; returns the names of all objects that can move.
 
-    objects: tuple[str, ...]
-    """Names of all objects that can move, of all variants."""
-    warnings: tuple[Problem, ...]
-    """Values with which every clip will fail."""
-
-
-def check_values(sweep: Sweep, opened: Opened, overrides: Sequence[str] = ()) -> Check:
-    """Loads the scene with the first value of every key, then with the other values one by one.
-
-    `overrides` are those of `--set`. Raises InputError where the first values make no scene: then a key is misspelt, or
-    no value fits it. Other values that fail are warnings: only their own clips fail.
+    `overrides` are those of `--set`. Raises InputError where these values make no scene: then a key is misspelt, or no
+    value fits it. Other values that fail are failed clips.
     """
     typical = sweep.typical()
-    scenes = []
+    names: dict[str, None] = {}
     problems: dict[Problem, None] = {}
     for variant in sweep.variants[:MAX_CHECKED_VARIANTS]:
         try:
-            scenes.append(_scene(sweep, opened, overrides, typical, variant))
+            scene = _scene(sweep, opened, overrides, typical, variant)
+            names |= {item.name: None for item in scene.objects if item.motion.value != "static"}
         except InputError as error:
             problems |= dict.fromkeys(error.problems)
-    if not problems:
-        problems = dict.fromkeys(_without_effect(sweep.axes, typical, scenes[0]))
     if problems:
         raise InputError(problems)
-    names = {item.name: None for scene in scenes for item in scene.objects if item.motion.value != "static"}
-    return Check(tuple(names), tuple(by_place(_failing(sweep, opened, overrides, typical))))
+    return tuple(names)
 
 
 def _scene(
@@ -264,50 +237,3 @@ def _scene(
             replace(problem, place=places.get(problem.place.file, problem.place))
             for problem in error.problems
         ) from None
-
-
-def _failing(
-    sweep: Sweep, opened: Opened, overrides: Sequence[str], typical: tuple[Value, ...]
-) -> Iterator[Problem]:
-    """Each written value together with the first ones of the other keys."""
-    left = MAX_CHECKED_VALUES
-    for n, axis in enumerate(sweep.axes):
-        for index in axis.written if isinstance(axis, Listed) else ():
-            if index == 0:
-                continue
-            left -= 1
-            if left < 0:
-                return
-            assert isinstance(axis, Listed)
-            try:
-                values = (*typical[:n], axis.at(index), *typical[n + 1 :])
-                _scene(sweep, opened, overrides, values, sweep.variants[0])
-            except InputError as error:
-                for problem in error.problems:
-                    fix = f"{problem.fix}; as it is, its clips fail"
-                    yield replace(problem, fix=fix, severity=Severity.WARNING)
-
-
-def _without_effect(axes: Sequence[Axis], values: Sequence[Value], scene: Scene) -> Iterator[Problem]:
-    """Keys that another argument's key rules out, as a mass does a density: the loaded scene lacks them."""
-    for axis, value in zip(axes, values, strict=True):
-        if value.data is not None and not _contains(scene.document, axis.path):
-            others = [str(other.place) for other in axes if other is not axis]
-            found = f"has no effect: {listed(others, 'or')} rules it out"
-            yield Problem(Place(axis.place.file), "", "", found, "keep one of them")
-
-
-def _contains(document: Any, path: KeyPath) -> bool:
-    """Whether anything in the document has the path."""
-    if not path:
-        return True
-    part, rest = path[0], path[1:]
-    if isinstance(document, list):
-        if part in ("*", "[*]"):
-            return any(_contains(item, rest) for item in document)
-        return str(part).isdecimal() and int(part) < len(document) and _contains(document[int(part)], rest)
-    if not hasattr(document, "items"):
-        return False
-    if part == "*":
-        return any(_contains(item, rest) for item in document.values())
-    return part in document and _contains(child(document, part), rest)

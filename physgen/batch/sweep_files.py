@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from physgen.batch.axes import Listed, read_axes
+from physgen.batch.axes import Listed
 from physgen.batch.remote import RemoteFolder, is_url, open_folder, url_below
 from physgen.batch.run import Done
-from physgen.batch.sweep import Design, Point, Sweep
+from physgen.batch.sweep import Point, Sweep
 from physgen.batch.values import cell
 from physgen.files import back_up
 from physgen.problems import InputError, Place, Problem, Severity
@@ -25,8 +25,6 @@ from physgen.tables import Cell, Column, Kind
 
 SWEEP_FILE = "sweep.json"
 TABLES = ("sweep.csv", "sweep.parquet")
-MAX_COMPARED_ROWS = 1000
-"""Rows of an earlier sweep that are looked for in the new one."""
 MAX_FILE_BYTES = 1_000_000_000
 """Of a `sweep.json` or a table that is fetched."""
 NOT_OURS = "is there already and was not made by physgen"
@@ -101,12 +99,6 @@ def _settings(sweep: Sweep) -> dict[str, Any]:
     }
 
 
-def sweep_of(record: Mapping[str, Any]) -> Sweep:
-    """The sweep of a `sweep.json`. Raises KeyError, TypeError, ValueError or InputError."""
-    axes = read_axes([f"{axis['key']}={axis['values']}" for axis in record["axes"]])
-    return Sweep(axes, tuple(record["variants"]), record["samples"], record["seed"], Design(record["design"]))
-
-
 def read_sweep_record(folder: Path) -> dict[str, Any] | None:
     """The `sweep.json` of a folder; None where physgen wrote none there."""
     try:
@@ -128,8 +120,8 @@ class SweepFolder:
     def begin(self, record: Mapping[str, Any], sweep: Sweep) -> list[Problem]:
         """Writes `sweep.json`; returns warnings. Raises InputError and OSError.
 
-        No file of the user is overwritten: a `sweep.json` or table that physgen did not write is refused, and a table
-        with rows that the new one will not have is kept as `NAME~`.
+        No file of the user is overwritten: a `sweep.json` or table that physgen did not write is refused, and the
+        tables of another sweep are kept as `NAME~`.
         """
         folder = self.folder
         if folder.exists() and not folder.is_dir():
@@ -139,14 +131,9 @@ class SweepFolder:
             for name in (SWEEP_FILE, *TABLES):
                 if (folder / name).exists():
                     raise InputError.of(str(folder / name), "", NOT_OURS, NOT_OURS_FIX)
-        changed = before is not None and any(
-            before.get(key) != value for key, value in _settings(sweep).items()
-        )
         warnings = []
-        if (changed or before is None) and folder.is_dir():
-            warnings = list(_other_clips(folder, sweep, "of another sweep" if changed else "of no sweep"))
         kept: list[Path] = []
-        if before is not None and changed and not _extends(before, sweep):
+        if before is not None and any(before.get(key) != value for key, value in _settings(sweep).items()):
             for name in TABLES:
                 if self.remote is not None:
                     self.remote.fetch(name, folder / name, MAX_FILE_BYTES)
@@ -183,23 +170,3 @@ def sweep_folder(out: str) -> Iterator[SweepFolder]:
         if existing and read_sweep_record(folder) is None:
             raise InputError.of(url_below(out, min(existing)), "", NOT_OURS, NOT_OURS_FIX)
         yield SweepFolder(out, folder, remote)
-
-
-def _other_clips(folder: Path, sweep: Sweep, origin: str) -> Iterator[Problem]:
-    """A warning about clips in the folder that are not of this sweep."""
-    names = [p.name for p in folder.iterdir() if (p / "manifest.json").is_file() and not sweep.find(p.name)]
-    if names:
-        found = f"holds {len(names)} clip{'s' * (len(names) != 1)} {origin}, {min(names)} among them"
-        fix = "they stay, and the gallery shows them; another -o keeps them apart"
-        yield Problem(Place(str(folder)), "", "", found, fix, Severity.WARNING)
-
-
-def _extends(before: Mapping[str, Any], sweep: Sweep) -> bool:
-    """Whether all rows of the earlier table are in the new one: the first ones and the last are compared."""
-    try:
-        old = sweep_of(before)
-    except (KeyError, TypeError, ValueError, InputError):
-        return False
-    numbers = {*range(min(len(old), MAX_COMPARED_ROWS)), len(old) - 1}
-    pairs = ((point, sweep.find(point.name)) for point in map(old.__getitem__, sorted(numbers)))
-    return all(now is not None and now.overrides == point.overrides for point, now in pairs)

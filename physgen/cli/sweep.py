@@ -21,7 +21,7 @@ from physgen.text import listed, nearest
 if TYPE_CHECKING:
     from physgen.batch.axes import Axis
     from physgen.batch.run import Job
-    from physgen.batch.sweep import Check, Point, Sweep
+    from physgen.batch.sweep import Point, Sweep
     from physgen.scene.load import Opened
 
 
@@ -41,9 +41,8 @@ def sweep(options: argparse.Namespace) -> int:
     variants = [None, *opened.variants] if options.variant == "all" else [options.variant]
     axes = _axes(opened, variants, options)
     plan = planned(axes, variants, options.samples, options.seed, design)
-    check = check_values(plan, opened, options.set)
-    print_problems(check.warnings)
-    return _listed(plan, options) if options.dry_run else _made(plan, check, options)
+    objects = check_values(plan, opened, options.set)
+    return _listed(plan, options) if options.dry_run else _made(plan, objects, options)
 
 
 def _scene_first(options: argparse.Namespace) -> None:
@@ -82,7 +81,7 @@ def _listed(plan: Sweep, options: argparse.Namespace) -> int:
     return OK
 
 
-def _made(plan: Sweep, check: Check, options: argparse.Namespace) -> int:
+def _made(plan: Sweep, objects: tuple[str, ...], options: argparse.Namespace) -> int:
     from physgen import pipeline
     from physgen.batch import sweep_files
     from physgen.batch.outcomes import columns
@@ -91,7 +90,7 @@ def _made(plan: Sweep, check: Check, options: argparse.Namespace) -> int:
     variant = None if len(plan.variants) > 1 else plan.variants[0]
     named = f"{pipeline.output_name(options.scene, variant)}-sweep"
     options.output = options.output or str(Path("out", named))
-    tracked = _tracked(check, options.track)
+    tracked = _tracked(objects, options.track)
     make = job_maker(options)
     table = sweep_files.table_columns(plan, columns(tracked))
     record = sweep_files.sweep_record(
@@ -137,14 +136,14 @@ def _made(plan: Sweep, check: Check, options: argparse.Namespace) -> int:
         )
 
 
-def _tracked(check: Check, chosen: list[str] | None) -> tuple[str, ...]:
+def _tracked(objects: tuple[str, ...], chosen: list[str] | None) -> tuple[str, ...]:
     if chosen is None:
-        return check.objects if len(check.objects) <= MOST_TRACKED else ()
+        return objects if len(objects) <= MOST_TRACKED else ()
     problems = []
     for name in chosen:
-        if name not in check.objects:
-            close = nearest(name, check.objects)
-            fix = f'did you mean "{close}"?' if close else f"write any of {listed(check.objects[:30])}"
+        if name not in objects:
+            close = nearest(name, objects)
+            fix = f'did you mean "{close}"?' if close else f"write any of {listed(objects[:30])}"
             problems.append(Problem(Place("--track"), "", f'"{name}"', "is no object that can move", fix))
     if problems:
         raise InputError(problems)
