@@ -22,21 +22,13 @@ PRIVATE = ("memory",)
 STORES = ("s3", "s3a", "gs", "gcs", "az", "abfs", "abfss", "adl", "oss", "hf")
 """Protocols of places without folders."""
 LIBRARIES = {
-    "s3": "s3fs",
-    "s3a": "s3fs",
-    "gs": "gcsfs",
-    "gcs": "gcsfs",
-    "az": "adlfs",
-    "abfs": "adlfs",
-    "abfss": "adlfs",
-    "http": "aiohttp",
-    "https": "aiohttp",
-    "sftp": "paramiko",
-    "ssh": "paramiko",
+    **dict.fromkeys(("s3", "s3a"), "s3fs"),
+    **dict.fromkeys(("gs", "gcs"), "gcsfs"),
+    **dict.fromkeys(("az", "abfs", "abfss"), "adlfs"),
+    **dict.fromkeys(("http", "https"), "aiohttp"),
+    **dict.fromkeys(("sftp", "ssh"), "paramiko"),
 }
 """What to install for a protocol."""
-TIME_KEYS = ("LastModified", "last_modified", "updated", "mtime", "created")
-"""Under which file systems return when a file was written."""
 INSTALL = "pip install 'physgen[remote]'"
 BLOCK = 2**20
 """Bytes that are copied at a time."""
@@ -90,16 +82,6 @@ def url_below(url: str, name: str) -> str:
 
 
 @dataclass(frozen=True)
-class RemoteFile:
-    """What is known of a file without reading it."""
-
-    size: int
-    """Bytes."""
-    time: float
-    """When it was written, s since 1970; 0 where that is not known."""
-
-
-@dataclass(frozen=True)
 class RemoteFolder:
     """A folder behind a URL. Every method raises OSError where it cannot be reached."""
 
@@ -137,8 +119,8 @@ class RemoteFolder:
             path.unlink(missing_ok=True)
         return left >= 0
 
-    def files(self) -> dict[str, RemoteFile]:
-        """All files in and below it, by relative name; none where it does not exist.
+    def files(self) -> dict[str, int]:
+        """All files in and below it, and their bytes, by relative name; none where it does not exist.
 
         Names that lead out of a folder, or that some file systems cannot hold, are left out: a store allows any name.
         """
@@ -150,7 +132,7 @@ class RemoteFolder:
                 return {}
             start = len(self.root.rstrip("/")) + 1
             return {
-                path[start:]: RemoteFile(int(info.get("size") or 0), _time(info))
+                path[start:]: int(info.get("size") or 0)
                 for path, info in found.items()
                 if path[start:] and _is_safe(path[start:])
             }
@@ -212,21 +194,6 @@ def _is_safe(name: str) -> bool:
     return fault_of(name) is None
 
 
-def _time(info: Mapping[str, Any]) -> float:
-    from datetime import datetime
-
-    for key in TIME_KEYS:
-        value = info.get(key)
-        if isinstance(value, str):
-            with suppress(ValueError):
-                value = datetime.fromisoformat(value)
-        if isinstance(value, datetime):
-            return value.timestamp()
-        if isinstance(value, (int, float)):
-            return float(value)
-    return 0.0
-
-
 @lru_cache(64)
 def open_folder(url: str) -> RemoteFolder:
     """The folder of a URL, whether it exists or not. Raises InputError where its protocol is not known."""
@@ -239,15 +206,11 @@ def open_folder(url: str) -> RemoteFolder:
         raise InputError.of(url, "", found, f"{INSTALL} {library}".rstrip()) from None
     try:
         fs, root = url_to_fs(url)
-    except ImportError as error:
+    except ImportError:
         found = f"needs a library for {kind}:// that is not installed"
-        raise InputError.of(url, "", found, f"pip install {library}" if library else str(error)) from None
-    except ValueError as error:
+        raise InputError.of(url, "", found, f"pip install {library or kind}") from None
+    except Exception as error:  # an unknown protocol, or wrong settings
         reason = str(error).split("\n")[0].rstrip(".")
         fix = "write a path, or a URL of a protocol that fsspec knows, e.g. s3://bucket/folder"
-        raise InputError.of(url, "", f"cannot be opened ({reason})", fix) from None
-    except Exception as error:  # wrong settings
-        reason = f"{type(error).__name__}: {error}"
-        fix = "see that library's documentation on settings and credentials"
         raise InputError.of(url, "", f"cannot be opened ({reason})", fix) from None
     return RemoteFolder(url, fs, str(root))

@@ -339,7 +339,7 @@ def unchanged_remote(job: Job, remote: RemoteFolder, scene: str) -> Done | None:
             return None
         expected: Mapping[str, int] = manifest["sizes"]
         files = remote.files()
-        sizes = {name: files[name].size for name in files.keys() & expected.keys()}
+        sizes = {name: files[name] for name in files.keys() & expected.keys()}
         if expected.keys() != manifest["files"].keys() or sizes != expected:
             return None
         done = Done(job, job.folder, tuple(recorded_warnings(manifest)), State.UNCHANGED)

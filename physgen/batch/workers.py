@@ -12,12 +12,12 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 from contextlib import suppress
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection, wait
 from threading import Thread
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 from physgen.signals import install_handler
 
@@ -46,14 +46,11 @@ class Child:
 
     def __init__(self, work: Callable[[Any], Any]) -> None:
         self.line, theirs = Pipe()
-        self.number: int | None = None
-        """Of the item that it works on; None: idle."""
         paths = [name or os.getcwd() for name in sys.path]
         code = (
             f"import sys; sys.path[:] = {paths!r}\n"
             f"from physgen.batch.workers import child_main; child_main({theirs.fileno()}, {os.getpid()})"
         )
-        # no multiprocessing.Process: a Dask worker is a daemonic process, which may have none
         self._process = subprocess.Popen(
             [sys.executable, "-c", code],
             stdin=subprocess.DEVNULL,
@@ -73,36 +70,25 @@ class Child:
         try:
             result, error = self.line.recv()
         except (EOFError, OSError):
-            self.line.close()
-            self.end()
-            raise LostError(_describe_exit(self._process.returncode)) from None
+            code = self._process.wait()
+            how = f"ended by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
+            raise LostError(f"its process {'was ' * (code < 0)}{how}") from None
         if error is not None:
             raise error
         return result
 
     def stop(self) -> None:
-        """An idle process ends by itself when the line is closed; a busy one is terminated."""
-        if self.number is not None:
-            self._process.terminate()
+        """Asks it to end, at once."""
+        self._process.terminate()
         self.line.close()
 
-    def end(self, until: float | None = None) -> None:
+    def end(self, until: float) -> None:
         """Waits until it has ended; kills it where that takes too long."""
         try:
-            self._process.wait(GRACE if until is None else max(0.0, until - time.monotonic()))
+            self._process.wait(max(0.0, until - time.monotonic()))
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
-
-
-def end_children(children: Iterable[Child]) -> None:
-    """Ends all of them together."""
-    ending = list(children)
-    for child in ending:
-        child.stop()
-    until = time.monotonic() + GRACE
-    for child in ending:
-        child.end(until)
 
 
 def run_parallel(
@@ -119,97 +105,52 @@ def run_parallel(
     if workers <= 1:
         yield from map(work, items)
         return
-    pool = _Pool(work, iter(items), workers, lost)
+    source = enumerate(items)
+    idle: list[Child] = []
+    busy: dict[Any, tuple[Child, int, Item, int]] = {}
+    """Line -> process, the number of its item, the item, and how often it was begun."""
+    again: list[tuple[int, Item, int]] = []
+    done: dict[int, Result] = {}
+    due = pulled = 0
     try:
-        yield from pool.results()
-    finally:
-        end_children(pool.children)
-
-
-class _Pool(Generic[Item, Result]):
-    def __init__(
-        self,
-        work: Callable[[Item], Result],
-        items: Iterator[Item],
-        workers: int,
-        lost: Callable[[Item, LostError], Result],
-    ) -> None:
-        self._work, self._items, self._workers, self._lost = work, items, workers, lost
-        self.children: list[Child] = []
-        self._begun: dict[int, tuple[Item, int]] = {}
-        """Number -> item and how often it was begun."""
-        self._again: list[int] = []
-        """Numbers of items whose process died."""
-        self._count = 0
-        """Items pulled."""
-        self._done: dict[int, Result] = {}
-
-    def results(self) -> Iterator[Result]:
-        due = 0
         while True:
-            self._hand_out(due)
-            while due in self._done:
-                yield self._done.pop(due)
+            while len(busy) < workers:
+                if again:
+                    number, item, tries = again.pop()
+                elif pulled < due + AHEAD * workers and (entry := next(source, None)) is not None:
+                    (number, item), tries = entry, 0
+                    pulled += 1
+                else:
+                    break
+                child = idle.pop() if idle else Child(work)
+                busy[child.line] = child, number, item, tries + 1
+                child.send(item)
+            if due in done:
+                yield done.pop(due)
                 due += 1
-                self._hand_out(due)
-            busy = {child.line: child for child in self.children if child.number is not None}
-            if not busy and due == self._count:
+                continue
+            if not busy:
                 return
             for line in wait(list(busy)):
-                assert isinstance(line, Connection)
-                self._take(busy[line])
-
-    def _hand_out(self, due: int) -> None:
-        """Gives every idle process an item, and starts processes while there are too few."""
-        while True:
-            idle = next((child for child in self.children if child.number is None), None)
-            if idle is None and len(self.children) >= self._workers:
-                return
-            number = self._next(due + AHEAD * self._workers)
-            if number is None:
-                return
-            if idle is None:
-                idle = Child(self._work)
-                self.children.append(idle)
-            idle.number = number
-            idle.send(self._begun[number][0])
-
-    def _next(self, limit: int) -> int | None:
-        """The number of an item to begin now, below `limit`; items whose process died come first."""
-        if self._again:
-            number = self._again.pop(0)
-            item, tries = self._begun[number]
-            self._begun[number] = item, tries + 1
-            return number
-        if self._count < limit:
-            for item in self._items:
-                self._begun[self._count] = item, 1
-                self._count += 1
-                return self._count - 1
-        return None
-
-    def _take(self, child: Child) -> None:
-        """Stores the result of a process, or notices its death."""
-        number = child.number
-        assert number is not None
-        item, tries = self._begun[number]
-        child.number = None
-        try:
-            self._done[number] = child.receive()
-        except LostError as error:
-            self.children.remove(child)
-            if tries < TRIES:
-                self._again.append(number)
-                return
-            self._done[number] = self._lost(item, error)
-        del self._begun[number]
-
-
-def _describe_exit(code: int | None) -> str:
-    if code is not None and code < 0:
-        with suppress(ValueError):
-            return f"its process was ended by {signal.Signals(-code).name}"
-    return f"its process ended with exit code {code}"
+                child, number, item, tries = busy.pop(line)
+                try:
+                    done[number] = child.receive()
+                    idle.append(child)
+                except LostError as error:
+                    if tries < TRIES:
+                        again.append((number, item, tries))
+                    else:
+                        done[number] = lost(item, error)
+                except BaseException:
+                    idle.append(child)
+                    raise
+    finally:
+        ending = [*idle, *(child for child, *_ in busy.values())]
+        for child in ending:
+            child.stop()
+        until = time.monotonic() + GRACE
+        for child in ending:
+            child.end(until)
 
 
 def child_main(number: int, parent: int) -> None:
