@@ -32,8 +32,7 @@ Written by `python benchmarks/run.py properties` from `benchmarks/results/proper
 
     physgen evaluate properties                                        # 42 objects, and published comparisons
     physgen evaluate properties --backend physics=vlm -o out/vlm       # where a model is configured; see models.md
-    physgen evaluate properties mine.yaml --save-answers answers.json  # a table of your own
-    physgen evaluate properties mine.yaml --answers answers.json       # answers from a file; no backend is asked
+    physgen evaluate properties mine.yaml                              # a table of your own
 
 The paper asks GPT-4V for mass, friction and elasticity and compares (appendix): masses of 20 objects, the order of 13
 pairs by friction and of 7 by elasticity. Here it is whoever fills the role `physics`: the material table below.
@@ -63,9 +62,6 @@ second run asks nothing.
 
 Sizes in mm: a ball's diameter; height and diameter of what is `turned`; three sides of a `box`. Mass in g. Of
 friction and elasticity only the order counts, each ranking within itself.
-
-**Answers** are JSON, `{"answers": [{"name": "soup", "mass": 349, "friction": 0.3, "elasticity": 0.2}]}`; a file that
-lacks an answer is refused, since a score over the answered ones alone would flatter.
 """,
     "controllability": """\
 Written by `python benchmarks/run.py controllability` from `benchmarks/results/controllability.json`; do not edit.
@@ -113,7 +109,7 @@ def properties(folder: Path) -> list[dict]:
     table, backends = read_table(SHIPPED), Backends()
     rows = []
     for sized in (True, False):
-        found = weighed(table, ask(table, backends, sized, _quiet), Asked("table", sized, False, True))
+        found = weighed(table, ask(table, backends, sized, _quiet), Asked("table", sized, False))
         if sized:
             found = with_studio(found, ask_photos(ROOT / "studio" / "truth", backends, _quiet))
         rows.append(kept(found, "properties", not sized))

@@ -1,17 +1,15 @@
-"""Tables of objects with true masses and orders of friction and elasticity, and files of answers about them."""
+"""Tables of objects with true masses and orders of friction and elasticity, and answers about them."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 from typing import Any
 
 from jsonschema import Draft202012Validator
 
-from physgen.files import write_atomic
 from physgen.problems import InputError, Place, Problem
 from physgen.registry import suggestion
 from physgen.scene.document import Node, Source, children, decode, items, plain, read
@@ -128,35 +126,24 @@ TABLE = _object(
     "objects",
 )
 """JSON Schema of a table."""
-_ANSWER = _object(
-    {
-        "name": _TEXT,
-        "mass": {"anyOf": [_MASS, {"type": "null"}]},
-        **{key: {"anyOf": [_COEFFICIENT, {"type": "null"}]} for key in COEFFICIENTS},
-        "reason": _TEXT,
-    },
-    "name",
-)
-ANSWERS = _object({"by": _TEXT, "answers": {"type": "array", "items": _ANSWER}}, "answers")
-"""JSON Schema of a file of answers."""
 
 
-def _read(path: Path, schema: Mapping[str, Any]) -> Any:
-    """Data of a YAML or JSON file that fits a schema. Raises InputError with everything that does not."""
+def read_table(path: Path) -> Objects:
+    """A table in YAML. Raises InputError with all problems."""
     try:
         root = read(decode(path.read_bytes(), str(path)), Source(str(path), path.parent))
     except OSError as error:
-        fix = "name a file as docs/properties.md describes it"
+        fix = "name a table as docs/properties.md describes it"
         raise InputError.of(str(path), "", f"cannot be read ({error.strerror})", fix) from None
     data = plain(root)
     problems = []
-    for error in Draft202012Validator(schema).iter_errors(data):
+    for error in Draft202012Validator(TABLE).iter_errors(data):
         keys = list(error.absolute_path)
         place = _node(root, keys).place
         problems.append(Problem(place, dotted(keys), "", error.message, "see docs/properties.md"))
     if problems:
         raise InputError(problems)
-    return data
+    return _table(data, path)
 
 
 def _node(node: Node, keys: list[str | int]) -> Node:
@@ -165,9 +152,7 @@ def _node(node: Node, keys: list[str | int]) -> Node:
     return node
 
 
-def read_table(path: Path) -> Objects:
-    """A table in YAML. Raises InputError with all problems."""
-    data = _read(path, TABLE)
+def _table(data: Mapping[str, Any], path: Path) -> Objects:
     problems: list[Problem] = []
     objects = tuple(_item(name, row, path, problems) for name, row in data["objects"].items())
     rankings = []
@@ -206,49 +191,3 @@ def _item(name: str, row: Mapping[str, Any], path: Path, problems: list[Problem]
             wrong(quoted(file.name), "is not there", "name a file, from the table's folder")
     label = row.get("label", name.replace("-", " ").replace("_", " "))
     return Item(name, label, form, size, row.get("mass"), photo, mask)
-
-
-# ---- answers -----------------------------------------------------------------------------------------------------
-
-
-def read_answers(path: Path, table: Objects) -> dict[str, Answer]:
-    """By name, from JSON. Raises InputError for what cannot be read, is no number, or is missing."""
-    problems: list[Problem] = []
-    place = Place(str(path))
-    found: dict[str, Answer] = {}
-    names = [item.name for item in table.items]
-    for row in _read(path, ANSWERS)["answers"]:
-        name = row.pop("name")
-        if name not in names:
-            problems.append(
-                Problem(place, "", quoted(name), "is no object of the table", suggestion(name, names))
-            )
-        if name in found:
-            problems.append(Problem(place, "", quoted(name), "is answered twice", "keep one answer"))
-        found[name] = Answer(**row)
-    for key, needed in _needed(table):
-        lack = [name for name in needed if getattr(found.get(name, Answer()), key) is None]
-        if lack and not problems:
-            some = ", ".join(lack[:6]) + (f" and {len(lack) - 6} more" if len(lack) > 6 else "")
-            fix = "answer them all, or take them out of the table: a score over the answered ones alone would flatter"
-            expected = f"is missing ({len(lack)} of {len(needed)})"
-            problems.append(Problem(place, "", f"{key} of {some}", expected, fix))
-    if problems:
-        raise InputError(problems)
-    return found
-
-
-def _needed(table: Objects) -> Iterator[tuple[str, list[str]]]:
-    """By number, the names of the objects that are compared."""
-    yield "mass", [item.name for item in table.weighed]
-    for of in COEFFICIENTS:
-        ranked = {name for one in table.rankings if one.of == of for name in one.values}
-        yield of, [item.name for item in table.items if item.name in ranked]
-
-
-def write_answers(path: Path, answers: Mapping[str, Answer], source: str) -> None:
-    """As `read_answers` takes them."""
-    rows = [{"name": name, **asdict(answer)} for name, answer in answers.items()]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    text = json.dumps({"by": source, "answers": rows}, indent=1, ensure_ascii=False, allow_nan=False)
-    write_atomic(path, f"{text}\n".encode())

@@ -222,12 +222,10 @@ class Asked:
     """Origin of the answers."""
 
     source: str
-    """`table`, `vlm`, or a file of answers."""
+    """Name of the backend: `table`, `vlm`."""
     sized: bool
     photos: bool
     """Whether each object has a photo."""
-    here: bool
-    """Whether a backend answered now, rather than a file."""
 
 
 def findings(table: Objects, answers: Mapping[str, Answer], asked: Asked) -> Findings:
@@ -277,13 +275,12 @@ def _values(answers: Mapping[str, Answer], of: str) -> dict[str, float]:
 
 def _sentences(score: Masses | None, totals: Mapping[str, Order], asked: Asked, table: Objects) -> list[str]:
     lines = []
-    name = f"The backend {asked.source}" if asked.here else asked.source
     if score is not None:
         low, high = score.interval
         lines.append(
-            f"{name} gives {score.near} of {score.count} masses to within 30 % ({100 * score.share:.0f} %; interval of "
-            f"95 %: {100 * low:.0f} to {100 * high:.0f} %), with a mean error of {_grams(score.ade)}. The paper: 75 % "
-            "of 20, 0.39 kg."
+            f"The backend {asked.source} gives {score.near} of {score.count} masses to within 30 % "
+            f"({100 * score.share:.0f} %; interval of 95 %: {100 * low:.0f} to {100 * high:.0f} %), with a mean error "
+            f"of {_grams(score.ade)}. The paper: 75 % of 20, 0.39 kg."
         )
     for of, found in totals.items():
         if found.count:
@@ -293,14 +290,14 @@ def _sentences(score: Masses | None, totals: Mapping[str, Order], asked: Asked, 
                 f"{of.capitalize()}: {found.right} of {found.count} pairs in the right order{tied}. The paper: "
                 f"{right} of {count}."
             )
-    if asked.here and not asked.photos:
+    if not asked.photos:
         sized = asked.sized and any(item.size for item in table.items)
         size = "its size is given by the scale" if sized else "its size is not given"
         lines.append(
             "A table has no photos: the backend gets each object's name with a bare silhouette, a disc or a rectangle; "
             f"{size}. The paper asks about photos."
         )
-    if asked.here and asked.source == "table":
+    if asked.source == "table":
         lines.append(
             "The backend reads materials.yaml, which has nothing from the table that ships: that table's masses and "
             "comparisons of friction and elasticity are independent of it. Not independent are regulated weights, "
