@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 
+from physgen.cli.arguments import Parser
 from physgen.cli.measures import (
     controllability,
     fid,
@@ -32,7 +33,7 @@ MEASURES = {
 """Modules with ABOUT, EXAMPLE, `add(parser)` and `run(options)`."""
 
 
-def measures(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def measures(subparsers: argparse._SubParsersAction[Parser]) -> None:
     """Add one parser a measure."""
     for name, measure in MEASURES.items():
         sub = subparsers.add_parser(

@@ -224,18 +224,6 @@ Share = tuple[int, int]
 """Number of those that are as they should be, and of all."""
 
 
-@dataclass(frozen=True)
-class Along:
-    """Pushes of one direction."""
-
-    angle: float
-    """degrees."""
-    outcomes: tuple[Outcome, ...]
-    """By size."""
-    spearman: float
-    """Rank correlation of the push's size and the answer's length; 0 of a single push."""
-
-
 def growing(outcomes: Sequence[Outcome]) -> Share:
     """Steps from a push to the next harder one: those with a larger answer, and all."""
     steps = [b - a for a, b in pairwise(_lengths(outcomes))]
@@ -247,55 +235,57 @@ def _lengths(outcomes: Sequence[Outcome]) -> list[float]:
 
 
 @dataclass(frozen=True)
-class Answers:
-    """Of one object."""
+class Along:
+    """Pushes of one direction, or of all."""
 
-    along: tuple[Along, ...]
+    outcomes: tuple[Outcome, ...]
+    """By size."""
     steps: Share
-    """See `growing`, over all directions."""
+    """See `growing`."""
     free: Share
     """`steps` of the pushes by which it meets no object."""
-    off: tuple[float, ...]
-    """degrees between pushes and answers, until it meets an object; of answers that have a direction."""
-    sideways: Share
-    """Pushes to the left or right: answers to the same side, and all that have a side."""
-    still: float
-    """px that it moves without a push."""
+    spearman: float
+    """Rank correlation of the push's size and the answer's length; 0 of a single push. Of all: the mean."""
 
     @property
-    def spearman(self) -> tuple[float, float]:
-        """Over directions: the least and the mean."""
-        found = [one.spearman for one in self.along]
-        return min(found), float(np.mean(found))
+    def off(self) -> list[float]:
+        """degrees between pushes and answers, until it meets an object; of answers that have a direction."""
+        return [one.off for one in self.outcomes if one.off is not None]
+
+    @property
+    def sideways(self) -> Share:
+        """Pushes to the left or right: answers to the same side, and all that have a side."""
+        sides = [
+            one.push.x * float(one.at_first[0])
+            > 0  # gravity brings down what is pushed up, and leaves x alone
+            for one in self.outcomes
+            if abs(one.push.x) > 1e-6 * one.push.size and abs(one.at_first[0]) >= CONSTANTS.seen
+        ]
+        return sum(sides), len(sides)
 
 
-def answers(swept: Swept) -> Answers:
-    """All pushes together."""
+def by_direction(swept: Swept) -> list[Along]:
+    """In the order of angles."""
     by_angle: dict[int, list[Outcome]] = {}
-    for one in swept.outcomes:
+    for one in sorted(swept.outcomes, key=lambda one: one.push.size):
         by_angle.setdefault(round(one.push.angle) % 360, []).append(one)
     along = []
-    for angle, some in sorted(by_angle.items()):
-        part = sorted(some, key=lambda one: one.push.size)
+    for _, part in sorted(by_angle.items()):
         sizes = np.array([one.push.size for one in part])
-        along.append(Along(float(angle), tuple(part), correlation(sizes, np.array(_lengths(part)))))
-    sides = [
-        one.push.x * float(one.at_first[0]) > 0  # gravity brings down what is pushed up, and leaves x alone
-        for one in swept.outcomes
-        if abs(one.push.x) > 1e-6 * one.push.size and abs(one.at_first[0]) >= CONSTANTS.seen
-    ]
-    return Answers(
-        tuple(along),
-        _total([growing(one.outcomes) for one in along]),
-        _total([growing([each for each in one.outcomes if not each.met]) for one in along]),
-        tuple(one.off for one in swept.outcomes if one.off is not None),
-        (sum(sides), len(sides)),
-        float(np.hypot(*(swept.still.places[-1] - swept.still.places[0]))),
+        free = growing([one for one in part if not one.met])
+        spearman = correlation(sizes, np.array(_lengths(part)))
+        along.append(Along(tuple(part), growing(part), free, spearman))
+    return along
+
+
+def together(along: Sequence[Along]) -> Along:
+    """All directions."""
+    steps, free = (
+        (sum(share[0] for share in shares), sum(share[1] for share in shares))
+        for shares in ([one.steps for one in along], [one.free for one in along])
     )
-
-
-def _total(shares: Sequence[Share]) -> Share:
-    return sum(share[0] for share in shares), sum(share[1] for share in shares)
+    outcomes = tuple(each for one in along for each in one.outcomes)
+    return Along(outcomes, steps, free, float(np.mean([one.spearman for one in along])))
 
 
 # ---- report ------------------------------------------------------------------------------------------------------
@@ -308,24 +298,35 @@ NOTE = (
 
 def findings(swept: Swept) -> Findings:
     """Without the plot; see `plot`."""
-    found = answers(swept)
-    return Findings(
-        "controllability",
-        f"Controllability: {swept.object} of {swept.scene}",
-        tuple(_sentences(found, swept)),
-        (_direction_section(found),),
-        [_row(one) for along in found.along for one in along.outcomes],
-        (),
-        _more(found, swept),
-    )
+    along = by_direction(swept)
+    found = together(along)
+    still = float(np.hypot(*(swept.still.places[-1] - swept.still.places[0])))
+    least = min(one.spearman for one in along)
+    sentences = tuple(_sentences(found, swept, least, still))
+    median = float(np.median(found.off)) if found.off else None
+    more = {
+        "scene": swept.scene,
+        "object": swept.object,
+        "pushes": len(swept.outcomes),
+        "steps": found.steps[1],
+        "rising": found.steps[0],
+        "meeting_nobody": {"steps": found.free[1], "rising": found.free[0]},
+        "spearman_mean": found.spearman,
+        "spearman_least": least,
+        "off_until_met": {"median": median, "worst": max(found.off, default=None), "of": len(found.off)},
+        "sideways": {"same": found.sideways[0], "of": found.sideways[1]},
+        "still_px": still,
+    }
+    title = f"Controllability: {swept.object} of {swept.scene}"
+    rows = [_row(one) for one in found.outcomes]
+    return Findings("controllability", title, sentences, (_direction_section(along),), rows, (), more)
 
 
-def _sentences(found: Answers, swept: Swept) -> Iterator[str]:
+def _sentences(found: Along, swept: Swept, least: float, still: float) -> Iterator[str]:
     if found.steps[1]:
-        least, mean = found.spearman
         yield (
             f"A harder push takes {swept.object} farther in {_of(found.steps)} steps; Spearman's correlation of push "
-            f"and answer is {mean:.3f} on average over {len(found.along)} directions, {least:.3f} at the least."
+            f"and answer is {found.spearman:.3f} on average over directions, {least:.3f} at the least."
         )
         if found.free[1] and any(one.met for one in swept.outcomes):
             yield f"Where it meets no object, a harder push takes it farther in {_of(found.free)} steps."
@@ -337,7 +338,7 @@ def _sentences(found: Answers, swept: Swept) -> Iterator[str]:
     elif found.off:
         median, worst = _degrees(float(np.median(found.off))), _degrees(max(found.off))
         yield f"Until it meets an object it goes where it is pushed, off by {median} (median), {worst} at most."
-    yield f"Without a push it moves by {found.still:.2f} px."
+    yield f"Without a push it moves by {still:.2f} px."
     yield "The paper shows the same as pictures (figure 6) and gives no number."
 
 
@@ -349,15 +350,14 @@ def _degrees(angle: float) -> str:
     return "under 0.01°" if angle < 0.01 else f"{angle:.2g}°" if angle < 10 else f"{angle:.0f}°"
 
 
-def _direction_section(found: Answers) -> Section:
+def _direction_section(along: Sequence[Along]) -> Section:
     rows = []
-    for one in found.along:
+    for one in along:
         longest = f"{max(each.length for each in one.outcomes):.1f}"
-        off = [each.off for each in one.outcomes if each.off is not None]
-        cells = number(one.spearman, ".3f"), _of(growing(one.outcomes)), longest
-        met = sum(each.met for each in one.outcomes)
-        turned = _degrees(max(off)) if off else "-"
-        rows.append((f"{one.angle:g}", str(len(one.outcomes)), *cells, turned, str(met)))
+        off = _degrees(max(one.off)) if one.off else "-"
+        met = str(sum(each.met for each in one.outcomes))
+        angle, count = f"{round(one.outcomes[0].push.angle) % 360}", str(len(one.outcomes))
+        rows.append((angle, count, number(one.spearman, ".3f"), _of(one.steps), longest, off, met))
     heads = (
         "direction, degrees",
         "pushes",
@@ -382,28 +382,8 @@ def _row(one: Outcome) -> dict[str, Any]:
     }
 
 
-def _more(found: Answers, swept: Swept) -> dict[str, Any]:
-    least, mean = found.spearman
-    median = float(np.median(found.off)) if found.off else None
-    return {
-        "scene": swept.scene,
-        "object": swept.object,
-        "pushes": len(swept.outcomes),
-        "steps": found.steps[1],
-        "rising": found.steps[0],
-        "meeting_nobody": {"steps": found.free[1], "rising": found.free[0]},
-        "spearman_mean": mean,
-        "spearman_least": least,
-        "off_until_met": {"median": median, "worst": max(found.off, default=None), "of": len(found.off)},
-        "sideways": {"same": found.sideways[0], "of": found.sideways[1]},
-        "still_px": found.still,
-        "directions": [{"angle": one.angle, "spearman": one.spearman} for one in found.along],
-    }
-
-
 def plot(swept: Swept) -> Figure:
     """Paths over the photo, as in the paper's figure 6."""
-    found = answers(swept)
     every = np.concatenate([one.path.places for one in swept.outcomes])
     low, high = every.min(axis=0), every.max(axis=0)
     margin = 0.04 * float((high - low).max()) + 1
@@ -421,8 +401,8 @@ def plot(swept: Swept) -> Figure:
             small = swept.photo[::step, ::step].astype(np.float32) / 255
             pale = 1 - CONSTANTS.pale * (1 - small)
             axes.imshow(pale, extent=(-0.5, size[0] - 0.5, size[1] - 0.5, -0.5), zorder=0)
-        for one in found.along:
-            colour = tuple(0.8 * c for c in wheel(one.angle / 360)[:3])
+        for one in by_direction(swept):
+            colour = tuple(0.8 * c for c in wheel(one.outcomes[0].push.angle / 360)[:3])
             for k, each in enumerate(one.outcomes):
                 strong = (k + 1) / len(one.outcomes)
                 axes.plot(*each.path.places.T, color=colour, linewidth=0.6 + 0.7 * strong, zorder=2)

@@ -404,26 +404,22 @@ def _add_clip(
 
 
 def _warnings(truth: Side, sides: Mapping[str, Side], wide: Mapping[str, int]) -> Iterator[Problem]:
-    def warn(name: str, found: str, expected: str, fix: str) -> Problem:
-        place = Place("--reference" if name == REFERENCE else name)
+    def warn(side: Side, found: str, expected: str, fix: str) -> Problem:
+        place = Place("--reference" if side is truth else side.name)
         return Problem(place, "", found, expected, fix, Severity.WARNING)
 
     for side in (truth, *sides.values()):
-        clips = len(side.lengths)
         for kind, features in wide.items():
             if (count := side.count(kind)) <= features:
-                pictures = f"{count} pictures" if kind == IMAGE else f"{count} pictures of motion"
                 expected = f"for {features} features: fewer pictures make a Fréchet distance larger"
-                yield warn(side.name, pictures, expected, "compare equal numbers")
-        if clips < 2:
-            yield warn(side.name, "", "is a single clip: no interval", "name more clips")
-        elif clips < CONSTANTS.few:
-            yield warn(side.name, f"{clips} clips", "are few: intervals say little", "name more clips")
-    for side in sides.values():
+                yield warn(side, f"{count} pictures", f"{expected} ({kind})", "compare equal numbers")
+        if len(side.lengths) < CONSTANTS.few:
+            clips = f"{len(side.lengths)} clip{'s' * (len(side.lengths) != 1)}"
+            yield warn(side, clips, "are few: intervals say little, and there is none of one", "name more")
         one, other = (float(np.median(a.lengths)) for a in (truth, side))
         if MOTION in wide and one != other:
             expected = f"beside the reference's {one:g}: flow is then over other times"
-            yield warn(side.name, f"{other:g} frames a clip", expected, f"give --frames {min(one, other):g}")
+            yield warn(side, f"{other:g} frames a clip", expected, f"give --frames {min(one, other):g}")
 
 
 # ---- report ------------------------------------------------------------------------------------------------------
@@ -566,25 +562,16 @@ def _table(found: Measured, kind: str, head: str) -> Table:
 def _how(found: Measured, tools: Mapping[str, Any]) -> Iterator[str]:
     chosen = found.settings
     count = "all frames" if chosen.rule.count is None else f"{chosen.rule.count} frames, evenly,"
-    if tools.get("skipped"):
-        count += f" (but the first {tools['skipped']} of the methods')"
-    note = _note(tools["features_note"])
-    yield f"Frames: {count} of each clip, {chosen.rule}. Features: {tools['features']}, {note}."
+    yield f"Frames: {count} of each clip, {chosen.rule}. Features: {tools['features']}."
     if MOTION in chosen.kinds:
-        full = "each picture's own fastest pixel, so that speed is not seen and noise is where nothing moves"
-        if found.full is not None:
-            full = (
-                f"{found.full:.4g} px, the speed of the reference's fastest pair ({CONSTANTS.peak} % of its pixels), "
-                "for all clips"
-            )
-        yield (
-            f"Motion: flow from each frame to the next, by {tools['flow']} ({_note(tools['flow_note'])}), coloured as "
-            f"Baker et al. (2011) do; full colour is {full}."
+        own = "each picture's own fastest pixel"
+        full = (
+            own if found.full is None else f"{found.full:.4g} px, the speed of the reference's fastest pair"
         )
-
-
-def _note(note: Mapping[str, Any]) -> str:
-    return ", ".join(str(value) if key == "name" else f"{key} {value}" for key, value in note.items())
+        yield (
+            f"Motion: flow from each frame to the next, by {tools['flow']}, coloured as Baker et al. (2011) do; full "
+            f"colour is {full}."
+        )
 
 
 def _plot(found: Measured, kind: str, head: str) -> Figure:

@@ -325,4 +325,4 @@ def test_a_persons_own_file_is_called_as_the_official_one_is(
     assert row["motion_fid"] > 0
     assert row["motion_fid_95"] is None
     assert "5 pictures for 2048 features: fewer pictures make a Fréchet distance larger" in printed.err
-    assert "is a single clip: no interval" in printed.err
+    assert "1 clip are few" in printed.err

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from physgen.cli.arguments import speeds, turns
+from physgen.cli.arguments import Parser, speeds, turns
 from physgen.cli.measures.output import add_output, hand_over
 from physgen.cli.output import Bar
 from physgen.problems import InputError
@@ -13,40 +13,18 @@ ABOUT = "How an object's motion answers to the direction and size of a push."
 EXAMPLE = "controllability scenes/curling/scene.yaml --object red-1 --angles 12 -o out/controllability"
 
 
-def add(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "scene",
-        metavar="SCENE",
-        nargs="?",
-        default="scenes/curling/scene.yaml",
-        help="a scene; default: scenes/curling/scene.yaml",
-    )
-    parser.add_argument(
-        "--object",
-        metavar="NAME",
-        help="the object that is pushed; default: the one that the scene pushes, or that moves first",
-    )
-    parser.add_argument(
-        "--angles",
-        metavar="N",
-        type=turns,
-        default=8,
-        help="directions: all round seen from above, upwards from right to left seen from the side; default: 8",
-    )
-    parser.add_argument(
-        "--sizes",
-        metavar="LIST",
-        type=speeds,
-        default=[],
-        help="of the pushes: px/s that they give, e.g. 50,100,200; default: five, up to a third of the canvas",
-    )
-    parser.add_argument(
-        "--set", metavar="KEY=VALUE", action="append", default=[], help="edit a key of the scene"
-    )
-    parser.add_argument("--variant", metavar="NAME", help="apply a named variant of the file")
-    parser.add_argument(
-        "--allow-outside", action="store_true", help="files may lie outside the scene's folder"
-    )
+def add(parser: Parser) -> None:
+    scene = "scenes/curling/scene.yaml"
+    parser.add_argument("scene", metavar="SCENE", nargs="?", default=scene, help=f"a scene; default: {scene}")
+    about = "the object that is pushed; default: the one that the scene pushes, or that moves first"
+    parser.option("--object", "NAME", str, about)
+    about = "directions: all round seen from above, upwards from right to left seen from the side; default: 8"
+    parser.option("--angles", "N", turns, about, 8)
+    about = "of the pushes: px/s that they give, e.g. 50,100,200; default: five, up to a third of the canvas"
+    parser.option("--sizes", "LIST", speeds, about, [])
+    parser.option("--set", "KEY=VALUE", str, "edit a key of the scene", [], action="append")
+    parser.option("--variant", "NAME", str, "apply a named variant of the file")
+    parser.flag("--allow-outside", "files may lie outside the scene's folder")
     add_output(parser)
 
 

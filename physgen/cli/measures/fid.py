@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from physgen.cli.arguments import count, seed, whole
+from physgen.cli.arguments import Parser, count, seed, whole
 from physgen.cli.measures.output import add_output, hand_over
 from physgen.cli.output import Bar, print_problems
 from physgen.problems import InputError, Place, Problem
@@ -29,40 +29,36 @@ def method(text: str) -> tuple[str, Path]:
     return name.strip(), Path(path)
 
 
-def add(parser: argparse.ArgumentParser) -> None:
-    def option(names: str, metavar: str, help: str, **more: Any) -> None:
-        parser.add_argument(names, metavar=metavar, help=help, **more)
-
-    clips = "videos, folders of frames, or folders of such, physgen's output folders among them: one method's clips"
-    option("clips", "CLIPS", clips, type=Path, nargs="*")
-    option("--reference", "DIR", "the same of what is true", type=Path, action="append", required=True)
+def add(parser: Parser) -> None:
+    about = "videos, folders of frames, or folders of such, physgen's output folders among them: one method's clips"
+    parser.add_argument("clips", metavar="CLIPS", type=Path, nargs="*", help=about)
+    parser.option("--reference", "DIR", Path, "the same of what is true", action="append", required=True)
     about = "clips of a method, once for each; others are compared with the first"
-    option("--method", "NAME=DIR", about, type=method, action="append", default=[])
+    parser.option("--method", "NAME=DIR", method, about, [], action="append")
     about = (
         "extractor: inception:PATH (the TorchScript file of published FIDs); default: bank, which needs no model and "
         "is NOT comparable with published FIDs"
     )
-    option("--features", "NAME", about, default="bank")
-    option("--flow", "NAME", "optical flow: dis (default), or raft:PATH", default="dis")
+    parser.option("--features", "NAME", str, about, "bank")
+    parser.option("--flow", "NAME", str, "optical flow: dis (default), or raft:PATH", "dis")
     about = (
         "speed in full colour: reference (the speed of its fastest pair of frames, default), or frame (each picture's "
         "own fastest, as RAFT's pictures have it)"
     )
     parser.add_argument("--full-colour", choices=("reference", "frame"), default="reference", help=about)
     parser.add_argument("--only", choices=("image", "motion"), help="one of both; default: both")
-    option("--frames", "N", "frames of each clip, evenly; default: all", type=count)
+    parser.option("--frames", "N", count, "frames of each clip, evenly; default: all")
     about = (
         "first frames of the methods' clips that do not count: 1 where theirs begin with the photo and the "
         "reference's do not; default: 0"
     )
-    option("--skip", "N", about, type=count, default=0)
-    option("--size", "PX", "the shorter side of all frames; default: 256", type=whole(16, 4096), default=256)
+    parser.option("--skip", "N", count, about, 0)
+    parser.option("--size", "PX", whole(16, 4096), "the shorter side of all frames; default: 256", 256)
     about = "frames as they are (default; all of one shape), their middle square, or stretched to a square"
     parser.add_argument("--fit", choices=("whole", "crop", "stretch"), default="whole", help=about)
-    about = "resamplings of clips for intervals, 0 for none; default: 200"
-    option("--draws", "N", about, type=draws, default=200)
-    option("--seed", "N", "of those draws; default: 0", type=seed, default=0)
-    option("--device", "DEVICE", "where models run: auto, cpu, cuda, mps", default="auto")
+    parser.option("--draws", "N", draws, "resamplings of clips for intervals, 0 for none; default: 200", 200)
+    parser.option("--seed", "N", seed, "of those draws; default: 0", 0)
+    parser.option("--device", "DEVICE", str, "where models run: auto, cpu, cuda, mps", "auto")
     add_output(parser, "write a page with plots, and the result as JSON, in this folder")
 
 

@@ -6,7 +6,7 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from physgen.cli.arguments import some_names
+from physgen.cli.arguments import Parser, some_names
 from physgen.cli.measures.output import add_output, hand_over
 from physgen.cli.output import Bar
 
@@ -14,25 +14,11 @@ ABOUT = "Frames against the studio's truth videos; ends with 1 below the bar in 
 EXAMPLE = "fidelity --scenes curling,shelf"
 
 
-def add(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--truth",
-        metavar="DIR",
-        type=Path,
-        default=Path("studio/truth"),
-        help="the studio's truth; default: studio/truth",
-    )
-    parser.add_argument(
-        "--scenes",
-        metavar="LIST",
-        type=some_names,
-        default=[],
-        help="some scenes, e.g. curling,shelf",
-    )
-    add_output(
-        parser,
-        "write a page with strips of frames in this folder",
-    )
+def add(parser: Parser) -> None:
+    truth = "studio/truth"
+    parser.option("--truth", "DIR", Path, f"the studio's truth; default: {truth}", Path(truth))
+    parser.option("--scenes", "LIST", some_names, "some scenes, e.g. curling,shelf", [])
+    add_output(parser, "write a page with strips of frames in this folder")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -6,7 +6,7 @@ import argparse
 import os
 from pathlib import Path
 
-from physgen.cli.arguments import count, rows
+from physgen.cli.arguments import Parser, count, rows
 from physgen.cli.measures.output import add_output, show
 from physgen.cli.output import Bar
 
@@ -14,30 +14,21 @@ ABOUT = "Motion against closed forms."
 EXAMPLE = "physics --rows 1,5,12"
 
 
-def add(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "source",
-        metavar="FORMS",
-        nargs="?",
-        type=Path,
-        help="a Python file or package that defines ROWS, closed forms of your own scenes; default: the engine's, "
-        "benchmarks/physics of a checkout",
+def add(parser: Parser) -> None:
+    about = (
+        "a Python file or package that defines ROWS, closed forms of your own scenes; default: the engine's, "
+        "benchmarks/physics of a checkout"
     )
-    parser.add_argument(
-        "--rows", metavar="LIST", type=rows, default=[], help="some rows, e.g. 1,5,12; default: all"
-    )
-    parser.add_argument(
-        "--draws", metavar="N", type=count, default=5, help="seeded draws of a row's parameters; default: 5"
-    )
+    parser.add_argument("source", metavar="FORMS", nargs="?", type=Path, help=about)
+    parser.option("--rows", "LIST", rows, "some rows, e.g. 1,5,12; default: all", [])
+    parser.option("--draws", "N", count, "seeded draws of a row's parameters; default: 5", 5)
     parser.add_argument(
         "--no-convergence",
         action="store_true",
         help="only at default settings, not at 240 to 1920 steps a second",
     )
     add_output(parser, "keep every scene file that is run in this folder")
-    parser.add_argument(
-        "--jobs", metavar="N", type=count, help="draws run at a time; default: one a processor"
-    )
+    parser.option("--jobs", "N", count, "draws run at a time; default: one a processor")
 
 
 def run(options: argparse.Namespace) -> int:

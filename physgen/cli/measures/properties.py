@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from physgen.cli.arguments import Parser
 from physgen.cli.measures.output import add_output, hand_over
 from physgen.cli.output import Bar, print_error, print_problem
 from physgen.problems import InputError
@@ -13,21 +14,14 @@ ABOUT = "Masses, and orders of friction and elasticity, against what others meas
 EXAMPLE = "properties -o out/properties"
 
 
-def add(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "table",
-        metavar="TABLE",
-        nargs="?",
-        type=Path,
-        help="objects with what is true of them, in YAML; default: 42 of the YCB set, and published comparisons",
+def add(parser: Parser) -> None:
+    about = (
+        "objects with what is true of them, in YAML; default: 42 of the YCB set, and published comparisons"
     )
-    parser.add_argument(
-        "--backend", metavar="ROLE=NAME", action="append", default=[], help="what answers: physics=NAME"
-    )
-    parser.add_argument("--config", metavar="FILE", type=Path, help="instead of every physgen.toml")
-    parser.add_argument(
-        "--hide-size", action="store_true", help="tell the name of each object alone, not its size"
-    )
+    parser.add_argument("table", metavar="TABLE", nargs="?", type=Path, help=about)
+    parser.option("--backend", "ROLE=NAME", str, "what answers: physics=NAME", [], action="append")
+    parser.option("--config", "FILE", Path, "instead of every physgen.toml")
+    parser.flag("--hide-size", "tell the name of each object alone, not its size")
     add_output(parser)
 
 

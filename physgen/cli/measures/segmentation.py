@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from physgen.cli.arguments import part
+from physgen.cli.arguments import Parser, part
 from physgen.cli.measures.output import add_output, hand_over
 from physgen.cli.output import Bar, print_problems
 from physgen.problems import InputError
@@ -14,24 +14,17 @@ ABOUT = "Objects found in photos against their true masks, as COCO counts them."
 EXAMPLE = "segmentation photos -o out/segmentation --recall 0.8"
 
 
-def add(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "folder",
-        metavar="FOLDER",
-        type=Path,
-        help="photos with label maps: NAME.png and NAME.labels.png, or folders of photo.png and "
-        "photo.assets/masks.png; or a COCO file (*.json) with its photos",
+def add(parser: Parser) -> None:
+    about = (
+        "photos with label maps: NAME.png and NAME.labels.png, or folders of photo.png and photo.assets/masks.png; or "
+        "a COCO file (*.json) with its photos"
     )
-    parser.add_argument(
-        "--backend", metavar="ROLE=NAME", action="append", default=[], help="what segments: segment=NAME"
-    )
+    parser.add_argument("folder", metavar="FOLDER", type=Path, help=about)
+    parser.option("--backend", "ROLE=NAME", str, "what segments: segment=NAME", [], action="append")
     add_output(parser, "write plots, the result as JSON and every photo with what was found in this folder")
-    for name, what in (
-        ("precision", "the share of detections that are right"),
-        ("recall", "the share of true objects that are found"),
-        ("iou", "the mean overlap of matches"),
-    ):
-        parser.add_argument(f"--{name}", metavar="BAR", type=part, help=f"least for {what}, 0 to 1")
+    parser.option("--precision", "BAR", part, "least for the share of detections that are right, 0 to 1")
+    parser.option("--recall", "BAR", part, "least for the share of true objects that are found, 0 to 1")
+    parser.option("--iou", "BAR", part, "least for the mean overlap of matches, 0 to 1")
 
 
 def run(options: argparse.Namespace) -> int:
