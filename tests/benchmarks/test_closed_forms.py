@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from physics.elliptic import complete, runge_kutta
 from physics.forces import kepler
-from physics.sliding_disc import coupling, stop
+from physics.sliding_disc import coupling
 from physics.tabletop import mean_distance
 from pytest import approx
 
@@ -54,26 +54,6 @@ def over_the_disc(epsilon: float, count: int = 1500) -> tuple[float, float]:
 @pytest.mark.parametrize("epsilon", [0.05, 0.3, 0.653, 0.99, 1.0, 1.01, 2.0, 20.0])
 def test_sliding_and_spinning_disc(epsilon: float) -> None:
     assert coupling(epsilon) == approx(over_the_disc(epsilon), rel=1e-5, abs=1e-7)
-
-
-def test_disc_of_the_list_slides_234_px() -> None:
-    end = stop(300, 15, 20, 0.25, G)
-    assert end.way == approx(234.15, abs=0.05)
-    uncoupled = 300**2 / (2 * 0.25 * G)
-    assert uncoupled == approx(183.7, abs=0.05)
-    ratio = end.speeds[-1] / (20 * end.spins[-1])
-    assert ratio == approx(0.653, abs=1e-3)
-    # an integration of its own: even steps, the pressure disc summed anew, cut short before the end
-    table = np.linspace(0, 4, 161)
-    forces, moments = np.transpose([over_the_disc(e, 200) for e in table])
-    v, u, way, turned, dt = 300.0, 300.0, 0.0, 0.0, 2e-5
-    while np.hypot(v, u) > 1:
-        epsilon = v / u
-        force, moment = np.interp(epsilon, table, forces), np.interp(epsilon, table, moments)
-        way, turned = way + v * dt, turned + u / 20 * dt
-        v, u = v - 0.25 * G * force * dt, u - 2 * 0.25 * G * moment * dt
-    assert way == approx(end.way, rel=2e-3)
-    assert turned == approx(end.turned, rel=2e-3)
 
 
 def test_mean_distance_of_a_rectangle() -> None:

@@ -50,24 +50,3 @@ def test_draws_are_seeded_and_differ(row: Row) -> None:
     assert len({text for draw in texts for text in draw}) == sum(map(len, texts))
     files = [scene_file(row, case, index) for index in range(DRAWS) for case in row.draw(index)]
     assert len(set(files)) == len(files)
-
-
-def test_draws_cover_the_named_cases() -> None:
-    rows = {row.name: row for row in ROWS}
-
-    def texts(name: str) -> str:
-        return "".join(
-            scene_of(rows[name], case) for index in range(DRAWS) for case in rows[name].draw(index)
-        )
-
-    assert all(f"elasticity: {e}" in texts("bounce") for e in (0.3, 0.5, 0.8, 1.0))
-    assert all(f"solid: {solid}" in texts("rolling") for solid in ("disc", "sphere", "hoop"))
-    assert all(
-        f"{lane}-5:" in texts("row-of-balls") for lane in ("touching", "apart", "pressed", "overlapping")
-    )
-    assert "friction: 0.25" in texts("coupled")
-    assert "spin: 859.436693" in texts("coupled").replace("-", "")
-    labels = [case.label for index in range(DRAWS) for case in rows["pyramid"].draw(index)]
-    assert set(labels) == {"", "left-corner", "right-corner", "left-under-top", "right-under-top", "lifted"}
-    labels = [case.label for index in range(DRAWS) for case in rows["energy"].draw(index)]
-    assert len(set(labels)) == len(labels) == 7

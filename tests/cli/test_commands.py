@@ -174,42 +174,6 @@ def test_simulate_prints_csv_json_or_an_archive(lesson: Path, tmp_path: Path, ca
     assert np.array_equal(np.load(tmp_path / "t.npz")["poses"], np.array(data["poses"]))
 
 
-@pytest.mark.parametrize("ending", ["npz", "csv", "json"])
-def test_simulate_keeps_a_file_that_it_did_not_write(
-    ending: str, lesson: Path, tmp_path: Path, capsys
-) -> None:
-    path = tmp_path / f"mine.{ending}"
-    path.write_bytes(b"years of work")
-    assert main(["simulate", str(lesson), "-o", str(path)]) == 0
-    assert capsys.readouterr().err == f"{path}: was there already and differed; kept as {path.name}~\n"
-    assert (tmp_path / f"mine.{ending}~").read_bytes() == b"years of work"
-    assert main(["simulate", str(lesson), "--rate", "7", "-o", str(path)]) == 0  # its own makes way
-    assert capsys.readouterr().err == ""
-    assert sorted(p.name for p in tmp_path.glob("mine*")) == [f"mine.{ending}", f"mine.{ending}~"]
-
-
-def test_flags_may_stand_between_scenes_and_wrong_ones_are_told_with_what_is_meant(
-    lesson: Path, tmp_path: Path, capsys
-) -> None:
-    other = tmp_path / "other.yaml"
-    other.write_text(LESSON)
-    out = tmp_path / "out"
-    assert main(["render", str(lesson), "--preview", str(other), "-o", str(out)]) == 0
-    assert capsys.readouterr().out.splitlines()[:2] == [f"{out}/lesson", f"{out}/other"]
-    for arguments, said in (
-        (
-            ["render", "a.yaml", "--previw"],
-            "physgen render: there is no flag --previw, did you mean --preview?",
-        ),
-        (["simulate", "a.yaml", "b.yaml"], "physgen simulate: b.yaml is one argument too many"),
-        (["check", "a.yaml", "--x=1", "-q"], "physgen check: there is no flag --x; there is no flag -q"),
-    ):
-        with pytest.raises(SystemExit) as stopped:
-            main(arguments)
-        assert stopped.value.code == 2
-        assert capsys.readouterr().err.startswith(f"{said}; see physgen {arguments[0]} --help")
-
-
 def test_perceive_writes_a_valid_scene_that_renders(photo: tuple[Path, Path], tmp_path: Path, capsys) -> None:
     image, truth = photo
     scene = tmp_path / "made" / "scene.yaml"
@@ -397,19 +361,6 @@ def test_a_command_imports_only_what_it_uses() -> None:
         "av",
         "jinja2",
     }
-
-
-@pytest.mark.parametrize("name", [b"bad\xff.yaml", b"two\nlines.yaml"])
-def test_a_file_whose_name_cannot_be_shown_is_refused_in_one_line(name: bytes, tmp_path: Path) -> None:
-    path = os.path.join(os.fsencode(tmp_path), name)
-    Path(os.fsdecode(path)).write_text(LESSON)
-    command = [sys.executable, "-m", "physgen", "render", path, "-o", str(tmp_path / "out")]
-    run = subprocess.run(command, capture_output=True, check=False)
-    assert run.returncode == 2
-    assert run.stdout == b""
-    assert len(run.stderr.splitlines()) == 1
-    assert b"cannot be shown" in run.stderr
-    assert not (tmp_path / "out").exists()
 
 
 def test_a_pipe_sees_no_progress(lesson: Path, tmp_path: Path) -> None:

@@ -6,7 +6,6 @@ import hashlib
 import json
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -230,17 +229,6 @@ def test_a_seed_gives_the_same_bytes_and_what_differs_is_kept(
     ]
 
 
-def test_folders_of_frames_are_kept_too(frames: Path, tmp_path: Path, capsys) -> None:
-    run = ["refine", "frames", "-o", "new", "--prompt", "a disc"]
-    assert main(run) == 0
-    first = pictures(tmp_path / "new")
-    assert main(run) == 0
-    assert not (tmp_path / "new~").exists()
-    assert main([*run, "--seed", "1"]) == 0
-    assert np.array_equal(pictures(tmp_path / "new~"), first)
-    assert not np.array_equal(pictures(tmp_path / "new"), first)
-
-
 def test_without_masks_everything_may_change_and_that_is_said(frames: Path, tmp_path: Path, capsys) -> None:
     assert main(["refine", "frames", "-o", "new"]) == 0
     assert capsys.readouterr().err.splitlines() == [
@@ -261,12 +249,6 @@ def test_one_mask_serves_where_nothing_moves(frames: Path, masks: Path, tmp_path
     assert main(["refine", "frames", "--masks", "masks/2.png", "-o", "new", "--lock", "1"]) == 0
     rgb, cover = drawn()
     assert np.array_equal(pictures(tmp_path / "new")[:, cover[2] == 255], rgb[:, cover[2] == 255])
-
-
-def test_pictures_play_at_the_rate_of_a_scene_unless_told(frames: Path, tmp_path: Path) -> None:
-    assert main(["refine", "frames", "-o", "a.mp4"]) == 0
-    assert main(["refine", "frames", "-o", "b.mp4", "--fps", "10"]) == 0
-    assert [played(tmp_path / name)[1] for name in ("a.mp4", "b.mp4")] == [at("render.fps")["default"], 10]
 
 
 def test_a_configuration_may_say_who_refines(frames: Path, tmp_path: Path, capsys) -> None:
@@ -378,13 +360,6 @@ def test_ranges_are_those_of_a_scene(key: str, capsys) -> None:
         assert capsys.readouterr().err == f"physgen refine: argument --{key}: {message}"
 
 
-def test_too_long_a_prompt_is_refused(capsys) -> None:
-    with pytest.raises(SystemExit) as stop:
-        main(["refine", "clip.mp4", "--prompt", "x" * 2001])
-    assert stop.value.code == 2
-    assert "argument --prompt: 2001 characters are over 2000" in capsys.readouterr().err
-
-
 def test_too_little_memory_is_reported(clip: Path, tmp_path: Path, capsys) -> None:
     (tmp_path / "small.toml").write_text("[exact]\nmost = 400\n")
     before = sorted(tmp_path.rglob("*"))
@@ -465,63 +440,3 @@ def test_a_picture_too_large_for_the_format_is_refused_before_the_model_runs(tmp
         "new.mp4: 17000 x 2 px is over the 16384 px that mp4 allows a side; name a folder for PNG frames\n"
     )
     assert capsys.readouterr().err == message
-
-
-def test_the_same_work_can_be_asked_for_from_python(
-    frames: Path, masks: Path, tmp_path: Path, capsys
-) -> None:
-    from physgen.pipeline.refine_video import VideoJob, refine_video
-    from physgen.registry import Plan, choices
-    from physgen.scene.load import refinement
-    from physgen.scene.schema import with_defaults
-
-    settings = refinement(with_defaults({"strength": 0.2}, at("refine")))
-    said: list[str] = []
-    done = refine_video(
-        VideoJob(frames, settings, masks, tmp_path / "a.mp4"), Plan(choices(["refine=exact"])),
-        progress=lambda stage, k, n: said.append(stage),
-    )  # fmt: skip
-    assert (done.output, done.record_path) == (tmp_path / "a.mp4", tmp_path / "a.json")
-    assert done.record["refine"]["steps_run"] == 10
-    assert list(dict.fromkeys(said)) == ["read", "read masks", "refine", "write"]
-    assert capsys.readouterr() == ("", "")
-    with pytest.raises(InputError, match="leaves none of 50 steps"):
-        refine_video(
-            VideoJob(frames, replace(settings, strength=0.0), masks), Plan(choices(["refine=exact"]))
-        )
-
-
-def test_a_crew_keeps_its_model_for_the_next_video_and_a_plan_lets_it_go(
-    frames: Path, tmp_path: Path
-) -> None:
-    from physgen.pipeline.refine_video import VideoJob, refine_video
-    from physgen.registry import Backends, Plan, choices
-    from physgen.scene.load import refinement
-    from physgen.scene.schema import with_defaults
-
-    settings = refinement(with_defaults({}, at("refine")))
-    crew = Backends(Plan(choices(["refine=exact"])))
-    model = crew.get("refine")
-    for name in ("a.mp4", "b.mp4"):
-        refine_video(VideoJob(frames, settings, output=tmp_path / name), crew)
-    assert sha(tmp_path / "a.mp4") == sha(tmp_path / "b.mp4")
-    assert crew.get("refine") is model
-    assert not model.closed
-
-
-def test_what_can_be_told_at_once_is_told_before_a_model_is_looked_for(
-    clip: Path, tmp_path: Path, capsys
-) -> None:
-    """Its libraries take seconds to import, and it may lack its weights: `gone` lacks all."""
-    run = ["refine", "--backend", "gone"]
-    for more, message in (
-        (["no.mp4"], "no.mp4: no such file; check the path\n"),
-        (["clip.mp4", "--masks", "no"], "no: no such file; check the path\n"),
-        (
-            ["clip.mp4", "--strength", "0"],
-            "--strength: 0 leaves none of 50 steps to run; write at least 0.01\n",
-        ),
-        (["clip.mp4"], "--backend: no weights; get them\n"),
-    ):
-        assert main([*run, *more]) == 2
-        assert capsys.readouterr().err == message

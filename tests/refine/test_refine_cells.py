@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pytest import approx
 
-from physgen.photometry import decode
 from physgen.refine.denoiser import Grid
 from physgen.refine.latents import (
     cell_coverage,
@@ -78,15 +77,6 @@ def test_frames_come_back_as_they_were_shown(size: tuple[int, int]) -> None:
     assert np.array_equal(back, rgb)
     grey = rgb[..., 0] / np.float32(255)
     assert np.array_equal(fit.mask(grey)[: size[1], : size[0]], grey)
-
-
-def test_large_frames_are_made_smaller_in_linear_light() -> None:
-    """A fine chequerboard of black and white is half of the light, code 188, and not 128."""
-    yy, xx = np.mgrid[:1600, :1600]
-    board = np.repeat(((xx + yy) % 2 * 255).astype(np.uint8)[..., None], 3, axis=2)
-    shown = fit_to_grid((1600, 1600), Grid(8, 8, 800 * 800, 1, 1, 16)).shown(board)
-    assert shown.shape == (800, 800, 3)
-    assert decode(shown).mean() == approx(0.5, abs=0.005)
 
 
 @pytest.mark.parametrize("over", [1, 3, 9, 30])

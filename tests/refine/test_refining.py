@@ -95,35 +95,6 @@ class Moody(Gaussian):
         return super().predict(latents, k, first) + np.float32(0.3) * mood
 
 
-def test_no_joint_shows_where_windows_disagree_in_every_step() -> None:
-    """Frames of one still picture: all change from frame to frame is the windows' doing (noise is the same here).
-
-    Root mean squares over cells of the change at windows' first and last frames, against those in between.
-    """
-    from physgen.refine.fusion import fused
-    from physgen.refine.latents import blend_predictions, window_spans
-
-    total, windows = 45, window_spans(45, 16, 8)
-    model = Moody()
-    model.begin([np.zeros((160, 160, 3), np.uint8)], HOW.prompt, 50, 25)
-    noise = np.random.default_rng(0).standard_normal((1, 3, 40, 40), np.float32).repeat(total, axis=0)
-    z = fused(
-        np.zeros((total, 3, 40, 40), np.float32),
-        np.float32(0.5),
-        noised=lambda z, k: model.noised(z, noise, k),
-        denoised=lambda z, k: model.stepped(
-            blend_predictions(lambda p, f: model.predict(p, k, f), z, windows), z, k
-        ),
-        count=25,
-        stop=5,
-    )
-    change = np.sqrt(np.mean(np.diff(z, axis=0) ** 2, axis=(1, 2, 3)))
-    borders = [at - 1 for first, last in windows for at in (first, last) if 0 < at < total]
-    inside = np.delete(change, borders)
-    assert max(change[borders]) <= 1.25 * max(inside)
-    assert change.max() < 0.25 * z.std()
-
-
 @pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS)
 def test_the_first_frame_is_kept_and_what_follows_leaves_it_slowly(grid: Grid) -> None:
     frames, _ = clip(count=20)
@@ -143,26 +114,6 @@ def test_one_seed_gives_the_same_bytes_and_another_others() -> None:
     a, b, c = (refined(Gaussian(), replace(HOW, seed=seed)) for seed in (4, 4, 5))
     assert np.array_equal(a, b)
     assert apart(a, c) > 3
-
-
-def test_lock_gives_objects_back() -> None:
-    frames, coverage = clip()
-    made, cover = np.stack(refined(Gaussian(), replace(HOW, lock=1.0))), np.stack(coverage)
-    assert np.array_equal(made[cover == 1], np.stack(frames)[cover == 1])
-    free = np.stack(refined(Gaussian()))
-    assert np.array_equal(made[cover == 0], free[cover == 0])
-
-
-def test_the_record_tells_what_ran() -> None:
-    model, told = Gaussian(GRIDS["windows"]), []
-    refinement = Refinement(model, HOW, (61, 35), 11, lambda *step: told.append(step))
-    list(refinement.frames(*clip()))
-    note = refinement.note()
-    assert (note["steps_run"], note["steps_fused"], note["seed"], note["prompt"]) == (25, 20, 0, "balls")
-    assert note["windows"] == [[0, 6], [2, 8], [5, 11]]
-    assert note["revision"] == "exact"
-    assert told == [("refine", k, 25) for k in range(26)]
-    assert model.said == HOW.prompt
 
 
 def test_too_little_memory_is_reported() -> None:

@@ -81,13 +81,6 @@ def test_another_strength_neither_simulates_nor_draws() -> None:
     assert "simulate" in moved["stages"]
 
 
-def test_the_same_seed_gives_the_same_bytes_and_another_does_not() -> None:
-    once, again = rendered("--refine", "exact"), rendered("--refine", "exact")
-    assert once["frames"] == again["frames"]
-    assert once["files"]["video.mp4"] == again["files"]["video.mp4"]
-    assert rendered("--refine", "exact", "--set", "refine.seed=1")["frames"] != once["frames"]
-
-
 def test_locked_objects_keep_their_pixels() -> None:
     rendered("--refine", "exact", "--format", "png", "--set", "refine.lock=1")
     refined, plain = (
@@ -130,27 +123,6 @@ def test_what_fails_leaves_the_clip_unrefined(capsys: pytest.CaptureFixture[str]
     page = Path("out/pair/report.html").read_text(encoding="utf-8")
     assert "no such luck" in page
     assert 'src="unrefined.mp4"' in page
-
-
-def test_what_fails_leaves_an_earlier_refined_clip_as_it_is(capsys: pytest.CaptureFixture[str]) -> None:
-    before = rendered("--refine", "exact")
-    assert rendered("--refine", "broken", code=2) == before
-    assert "out/pair: warning: keeps the clip that was refined before" in capsys.readouterr().err
-    assert len(frames("out/pair/video.mp4")) == len(before["frames"])
-
-
-def test_a_bare_name_takes_the_weights_of_the_configuration(monkeypatch: pytest.MonkeyPatch) -> None:
-    import gaussian
-
-    made = []
-    monkeypatch.setattr(
-        gaussian, "made", lambda setup, make=gaussian.made: made.append(setup.weights) or make(setup)
-    )
-    Path("physgen.toml").write_text('[backend]\nrefine = "exact:some/weights"\n', encoding="utf-8")
-    rendered("--refine", "exact")
-    run._refiners.cache_clear()
-    rendered("--refine", "exact:other/weights")
-    assert made == ["some/weights", "other/weights"]
 
 
 def test_too_little_memory_keeps_the_unrefined_clip(capsys: pytest.CaptureFixture[str]) -> None:
