@@ -54,7 +54,7 @@ MAX_TEXT = 200_000  # characters: longer texts are recorded as a hash
 INTENDED: dict[str, str] = {
     "commands/fan/*fan.csv": "draws are the standard library's and NumPy's, which differ in the last digit",
     "commands/fan/*verdict": "sentences in plainer words",
-    "commands/fan/*/fan/*": "no light is drawn; outcomes are fate and place alone",
+    "commands/fan/*/fan/*": "no light is drawn; outcomes are fate and place alone, without a cause",
     "*/physics.json/units/*": "descriptions of units are in plainer words",
     "commands/schema*": "descriptions of keys are in plainer words",
     "*/scene-1.schema.json/*/description": "descriptions of keys are in plainer words",

@@ -23,7 +23,6 @@ from physgen.problems import InputError
 from physgen.registry import suggestion
 from physgen.scene.scene import Load, Motion, Scene, Solid, View
 from physgen.simulate.trajectory import Trajectory, new_touches
-from physgen.simulate.uncertainty_summary import correlation
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -420,3 +419,21 @@ def plot(swept: Swept) -> Figure:
     )
     width, height = high - low
     return plotted(draw, about, 120, float(np.clip(120 * height / width, 60, 150)))
+
+
+def ranks(values: Array) -> Array:
+    """(N,) ranks from 0, the mean rank for equal values.
+
+    >>> ranks(np.array([3.0, 1.0, 3.0])).tolist()
+    [1.5, 0.0, 1.5]
+    """
+    _, back, counts = np.unique(values, return_inverse=True, return_counts=True)
+    last = np.cumsum(counts) - 1
+    return np.asarray((last - (counts - 1) / 2)[back.ravel()], np.float64)
+
+
+def correlation(first: Array, second: Array) -> float:
+    """Spearman's rank correlation of two columns (N,); 0 where one of them is constant."""
+    a, b = (rank - rank.mean() for rank in (ranks(first), ranks(second)))
+    scale = float(np.sqrt((a @ a) * (b @ b)))
+    return float(a @ b) / scale if scale > 0 else 0.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import sqrt
 from statistics import NormalDist
 from typing import Any
@@ -16,7 +16,7 @@ from physgen.simulate.uncertainty import SIZE_SHARE, Ensemble, Fate, Outcome
 Array = NDArray[np.float64]
 
 LEVEL = 0.95
-"""Of confidence intervals, and of the test of correlations."""
+"""Of confidence intervals."""
 MOST = 0.9
 """Share of the draws that a radius holds."""
 VERBS = {Fate.STAYS: "stays", Fate.MOVES: "moves", Fate.LEAVES: "leaves the photo", Fate.FALLS: "falls"}
@@ -35,42 +35,10 @@ def wilson(count: int, total: int) -> tuple[float, float]:
     return max(middle - half, 0.0), min(middle + half, 1.0)
 
 
-def ranks(values: Array) -> Array:
-    """(N,) ranks from 0, the mean rank for equal values.
-
-    >>> ranks(np.array([3.0, 1.0, 3.0])).tolist()
-    [1.5, 0.0, 1.5]
-    """
-    _, back, counts = np.unique(values, return_inverse=True, return_counts=True)
-    last = np.cumsum(counts) - 1
-    return np.asarray((last - (counts - 1) / 2)[back.ravel()], np.float64)
-
-
-def correlation(first: Array, second: Array) -> float:
-    """Spearman's rank correlation of two columns (N,); 0 where one of them is constant."""
-    a, b = (rank - rank.mean() for rank in (ranks(first), ranks(second)))
-    scale = float(np.sqrt((a @ a) * (b @ b)))
-    return float(a @ b) / scale if scale > 0 else 0.0
-
-
-def chance_level(draws: int, columns: int) -> float:
-    """The rank correlation from which on the best of `columns` is significant."""
-    if draws < 4 or not columns:
-        return 1.0
-    return min(NormalDist().inv_cdf(1 - (1 - LEVEL) / 2 / columns) / sqrt(draws - 1), 1.0)
-
-
 def radius(places: Array) -> float:
     """px about their median within which 9 of 10 places `(N, 2)` lie."""
     off = places - np.median(places, axis=0)
     return float(np.quantile(np.hypot(*off.T), MOST, method="higher")) if len(places) else 0.0
-
-
-def along(places: Array) -> Array:
-    """(N,) px: coordinates of the places `(N, 2)` along the line on which they differ most."""
-    off = places - places.mean(axis=0)
-    direction = np.linalg.svd(off, full_matrices=False)[2][0]
-    return np.asarray(off @ (direction if direction[np.argmax(np.abs(direction))] > 0 else -direction))
 
 
 def percent(share: float) -> str:
@@ -81,20 +49,6 @@ def percent(share: float) -> str:
     """
     shown = 100 * share
     return f"{shown:.1f} %" if 0 < shown < 1 or 99 < shown < 100 else f"{shown:.0f} %"
-
-
-@dataclass(frozen=True)
-class Cause:
-    """An uncertain value that correlates with an outcome."""
-
-    paths: tuple[str, ...]
-    """Its key; several where they are drawn alike."""
-    text: str
-    """Its name for people."""
-    correlation: float
-    """Spearman's, with the outcome."""
-    outcome: str = "fate"
-    """`fate`: that the event happens; `place`: where it ends, along the line on which ends differ most."""
 
 
 @dataclass(frozen=True)
@@ -112,8 +66,6 @@ class Verdict:
     """px about the median of its final places within which 9 of 10 lie."""
     size: float
     """px; see `uncertainty.size`."""
-    cause: Cause | None
-    """Of what is not decided: of its fate before its place."""
     own: Fate
     """In the clip."""
 
@@ -156,21 +108,10 @@ class Verdict:
         if self.event is not Fate.STAYS:
             decided = "is" if self.placed else "is not"
             lines.append(f"Where it ends {decided} decided: 9 of 10 draws lie within {self.radius:.3g} px.")
-        if self.cause is not None:
-            outcome = "where it ends" if self.cause.outcome == "place" else f"whether it {verb}"
-            size = f"rank correlation {self.cause.correlation:.2f}"
-            lines.append(f"What matters most for {outcome}: {self.cause.text} ({size}).")
         return lines
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data."""
-        cause = None
-        if self.cause is not None:
-            cause = {
-                "of": self.cause.outcome,
-                "paths": list(self.cause.paths),
-                "rank_correlation": round(self.cause.correlation, 4),
-            }
         return {
             "draws": {fate.name.lower(): self.counts[fate] for fate in Fate if self.counts[fate]},
             "decided": self.decided,
@@ -181,7 +122,6 @@ class Verdict:
             "place_radius_px": round(self.radius, 3),
             "size_px": round(self.size, 3),
             "clip": self.own.name.lower(),
-            "matters_most": cause,
             "verdict": " ".join(self.sentences()),
         }
 
@@ -190,9 +130,8 @@ def verdicts(fan: Ensemble) -> list[Verdict]:
     """One per body; none where no draw could be simulated."""
     whole = fan.whole
     outcomes = [outcome for outcome in fan.outcomes if outcome is not None]
-    columns = _columns(fan, whole)
     bodies = range(len(fan.names)) if whole else ()
-    return [_verdict(fan, b, outcomes, columns) for b in bodies]
+    return [_verdict(fan, b, outcomes) for b in bodies]
 
 
 def headline(fan: Ensemble, found: Sequence[Verdict]) -> str:
@@ -207,52 +146,16 @@ def headline(fan: Ensemble, found: Sequence[Verdict]) -> str:
     return f"The photo decides what becomes of {fates} of {objects}, and where {places} of {count} end."
 
 
-def _verdict(fan: Ensemble, b: int, outcomes: list[Outcome], columns: list[tuple[Array, Cause]]) -> Verdict:
-    fates = np.array([outcome.fates[b] for outcome in outcomes])
-    counts = {fate: int((fates == fate).sum()) for fate in Fate}
-    event = max(fate for fate in Fate if counts[fate])
-    last, size = np.array([outcome.final[b, :2] for outcome in outcomes]), float(fan.sizes[b])
-    far = radius(last)
-    cause = None
-    if counts[event] < len(outcomes):
-        cause = _best_cause((fates == event).astype(np.float64), columns, "fate")
-    if cause is None and far > SIZE_SHARE * size:
-        cause = _best_cause(along(last), columns, "place")
+def _verdict(fan: Ensemble, b: int, outcomes: list[Outcome]) -> Verdict:
+    fates = [Fate(int(outcome.fates[b])) for outcome in outcomes]
+    counts = {fate: fates.count(fate) for fate in Fate}
+    event = max(fates)
     return Verdict(
         name=fan.names[b],
         counts=counts,
         event=event,
         interval=wilson(counts[event], len(outcomes)),
-        radius=far,
-        size=size,
-        cause=cause,
+        radius=radius(np.array([outcome.final[b, :2] for outcome in outcomes])),
+        size=float(fan.sizes[b]),
         own=Fate(int(fan.own.fates[b])),
     )
-
-
-def _columns(fan: Ensemble, whole: list[int]) -> list[tuple[Array, Cause]]:
-    """The drawn values; values that rise together, as those of similar objects do, are one column."""
-    groups: dict[bytes, list[int]] = {}
-    for p in range(len(fan.doubts)):
-        groups.setdefault(np.argsort(fan.values[whole, p], kind="stable").tobytes(), []).append(p)
-    found = []
-    for members in groups.values():
-        values = [fan.doubts[p] for p in members]
-        first = values[0]
-        text = f"{first.parameter} of {first.name}"
-        if len(values) > 1:
-            text = f"{first.parameter} of all {len(values)} called “{first.label or first.name}”"
-        cause = Cause(tuple(value.path for value in values), text, 0.0)
-        found.append((np.asarray(fan.values[whole, members[0]]), cause))
-    return found
-
-
-def _best_cause(outcomes: Array, columns: list[tuple[Array, Cause]], outcome: str) -> Cause | None:
-    """The value that correlates best with outcomes (N,), if that is significant."""
-    found = [
-        replace(cause, correlation=correlation(values, outcomes), outcome=outcome)
-        for values, cause in columns
-    ]
-    best = max(found, key=lambda cause: abs(cause.correlation), default=None)
-    significant = best is not None and abs(best.correlation) >= chance_level(len(outcomes), len(columns))
-    return best if significant else None

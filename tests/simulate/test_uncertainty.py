@@ -60,8 +60,6 @@ def test_a_block_slides_where_friction_is_less_than_the_slope(tmp_path: Path) ->
     (told,) = verdicts(found)
     assert not told.decided
     assert told.interval[0] < expected < told.interval[1]
-    assert told.cause.paths == ("objects.block.friction",)
-    assert told.cause.correlation < -0.5
 
 
 def test_what_lies_on_a_slope_in_the_photo_does_not_slide_in_any_draw(tmp_path: Path) -> None:
@@ -87,7 +85,7 @@ objects:
     (told,) = verdicts(found)
     t = 0.5
     assert found.poses[0, -1, 0, :2] == pytest.approx([30 + 300 * t, 100 - 250 * t + 490 * t * t], abs=1e-6)
-    assert (told.decided, told.placed, told.cause) == (True, True, None)
+    assert (told.decided, told.placed) == (True, True)
 
 
 def test_an_impulse_does(tmp_path: Path) -> None:
@@ -104,8 +102,6 @@ forces: [{object: ball, impulse: [6000, 0]}]
     way = found.poses[:, -1, 0, 0] - 30
     assert way == pytest.approx(6000 / found.values[:, 0] * 0.5)
     (told,) = verdicts(found)
-    assert (told.cause.paths, told.cause.outcome) == (("objects.ball.mass",), "place")
-    assert abs(told.cause.correlation) == pytest.approx(1)
     off = np.sort(np.abs(way - np.median(way)))
     assert told.radius == pytest.approx(off[53], abs=1.0), "9 of 10 are within"
 
