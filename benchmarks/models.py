@@ -14,6 +14,7 @@ import argparse
 import json
 import time
 from collections import defaultdict
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -75,9 +76,8 @@ def main() -> None:
     options = parser.parse_args()
     told = load_plan(
         options.backend, profile=options.profile, config=options.config, device=options.device, dtype=options.dtype,
-        fallback=options.fallback, keep=True,
     )  # fmt: skip
-    rows = measure(Backends(told), options.names)
+    rows = measure(Backends(replace(told, keep=True)), options.names)
     if rows:
         mean = {key: float(np.mean([row[key] for row in rows])) for key in ("precision", "recall")}
         later = [row["seconds"] for row in rows[1:]] or [rows[0]["seconds"]]

@@ -64,7 +64,6 @@ def segmentation(folder: Path) -> list[dict]:
     ways: dict[str, Callable[[Rgb], Segments]] = {
         "both": registry.make("segment", "learned"),
         "network alone": network_alone,
-        "edges alone": registry.make("segment", "classical"),
     }
     rows = []
     for name, some in photos().items():

@@ -3,7 +3,7 @@
 A backend is one file under a `backends/` folder and one row of `BACKENDS`; the contract tests then run on it. Nothing
 is imported before a backend is made, and this is the only module that imports by name. A `Plan` holds the choice made
 by `physgen.toml` and flags; `Backends` makes what the plan chooses, calls it and keeps the record; `listing` reports
-what is ready and what is missing.
+what is missing.
 """
 
 from __future__ import annotations
@@ -18,10 +18,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
-from physgen.problems import InputError, Place, Problem, Severity
+from physgen.problems import InputError, Place, Problem
 
 FLAG = Place("--backend")
 MAP_FILE = "file"
@@ -108,8 +107,6 @@ BACKENDS: tuple[Backend, ...] = (
             "A vision-language model names what the photo shows and what of it is movable.", **_VLM),
     Backend("segment", "learned", f"{_PERCEIVE}.segment_learned:learned",
             "Proposals from edges and from a small network that also ranks them; trained on rendered homes."),
-    Backend("segment", "classical", f"{_PERCEIVE}.segment_classical:classical",
-            "Finds objects by edges, circles and colour; no model."),
     Backend("segment", "grounding-dino+sam", f"{_PERCEIVE}.segment_grounded:with_sam",
             "Grounding DINO boxes for the given nouns, SAM masks; NAME:DINO,SAM names both weights.",
             uses=("categories",),
@@ -132,7 +129,7 @@ BACKENDS: tuple[Backend, ...] = (
             "Looks the label up in the material table and weighs the outline."),
     Backend("physics", "vlm", f"{_PERCEIVE}.vlm:physics",
             "A vision-language model judges mass, friction, elasticity, material and size.", **_VLM),
-    Backend("depth", "none", f"{_PERCEIVE}.depth_none:none",
+    Backend("depth", "none", f"{_PERCEIVE}.from_file:flat",
             "The same depth everywhere: the offline backends need none."),
     Backend("depth", "depth-anything", f"{_PERCEIVE}.depth_anything:depth",
             "Depth Anything V2.",
@@ -298,8 +295,6 @@ class Plan:
     dtype: str = "auto"
     keep: bool = False
     """Whether models stay in memory for the next photo."""
-    fallback: bool = False
-    """Whether the default of a role replaces a backend that fails."""
     options: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """Tables of the configuration, by backend."""
 
@@ -330,12 +325,11 @@ def choices(settings: Iterable[str], place: Place = FLAG) -> dict[str, Choice]:
     problems: list[Problem] = []
     for setting in settings:
         role, sign, text = setting.partition("=")
-        name, colon, weights = text.partition(":")
         if not sign:
             problems.append(Problem(place, "", f'"{setting}"', "is not ROLE=NAME", "write e.g. inpaint=fill"))
             continue
         try:
-            result[role] = choice(role, name, weights, place, colon=bool(colon))
+            result[role] = choice(role, text, place)
         except InputError as error:
             problems += error.problems
     if problems:
@@ -343,14 +337,18 @@ def choices(settings: Iterable[str], place: Place = FLAG) -> dict[str, Choice]:
     return result
 
 
-def choice(role: str, name: str, weights: str = "", place: Place = FLAG, *, colon: bool = False) -> Choice:
-    """A checked choice. Raises InputError for an unknown role or name, and for weights that it does not take."""
+def choice(role: str, text: str, place: Place = FLAG) -> Choice:
+    """The choice that `NAME` or `NAME:WEIGHTS` makes.
+
+    Raises InputError for an unknown role or name, and for weights that it does not take.
+    """
+    name, colon, weights = text.partition(":")
     try:
         row = find(role, name)
     except InputError as error:
         raise InputError([replace(problem, place=place) for problem in error.problems]) from None
-    found = f'"{role}={name}{":" if colon or weights else ""}{weights}"'
-    if (colon or weights) and not (row.weights or row.takes_setup):
+    found = f'"{role}={text}"'
+    if colon and not (row.weights or row.takes_setup):
         expected, fix = "names weights for what has none", f"write {role}={name}"
         raise InputError([Problem(place, "", found, expected, fix)])
     if colon and not weights:
@@ -376,11 +374,11 @@ PROFILES: Mapping[str, Mapping[str, str]] = {
     "models": _MODELS,
     "best": {**_MODELS, "segment": "sam3", "depth": "marigold"},
 }
-"""Built-in profiles: role to backend; other roles have their defaults."""
-SWITCHES = {"keep": bool, "fallback": bool, "device": str, "dtype": str, "profile": str}
+"""Role to backend; other roles have their defaults."""
+SWITCHES = ("device", "dtype", "profile")
 PROGRAMS = ("lama", "inception")
 """Backends whose weights are a program."""
-TRUSTED = f"say it on the command line, with --config, or in ~/.config/physgen/{CONFIGURATION}"
+TRUSTED = f"write it on the command line, with --config, or in ~/.config/physgen/{CONFIGURATION}"
 DTYPES = ("auto", "float32", "float16", "bfloat16")
 DEVICE = re.compile(r"auto|cpu|mps|cuda(:\d+)?")
 
@@ -389,14 +387,11 @@ DEVICE = re.compile(r"auto|cpu|mps|cuda(:\d+)?")
 class Configuration:
     """The checked content of one configuration file."""
 
-    switches: Mapping[str, Any]
-    """`profile`, `device`, `dtype`, `keep`, `fallback`."""
+    switches: Mapping[str, str]
+    """`profile`, `device`, `dtype`."""
     choices: Mapping[str, Choice]
-    profiles: Mapping[str, Mapping[str, Choice]]
     options: Mapping[str, Mapping[str, Any]]
     """Other tables, by backend."""
-    place: Place
-    """Of its profile."""
 
 
 def load_plan(
@@ -404,52 +399,59 @@ def load_plan(
     *,
     profile: str | None = None,
     config: Path | None = None,
-    otherwise: Mapping[str, Any] = MappingProxyType({}),
-    **switches: Any,
+    device: str | None = None,
+    dtype: str | None = None,
 ) -> Plan:
     """The plan from flags, then the folder's physgen.toml, then the user's; `settings` are `ROLE=NAME[:WEIGHTS]`.
 
-    `config` replaces both files. `switches` are `device`, `dtype`, `keep` and `fallback`, None where not given;
-    `otherwise` holds their defaults. Raises InputError with everything wrong.
+    `config` replaces both files. Raises InputError with everything wrong.
     """
     if config:
         files = [read_configuration(config)]
     else:
         files = [read_configuration(path, trusted=path == user_file()) for path in configuration_files()]
     problems: list[Problem] = []
-    flags: dict[str, Choice] = {}
-    try:
-        flags = choices(settings)
-    except InputError as error:
-        problems += error.problems
-    merged_switches: dict[str, Any] = dict(otherwise)
+    switches: dict[str, str] = {}
     merged: dict[str, Choice] = {}
     options: dict[str, dict[str, Any]] = {}
-    profiles: dict[str, Mapping[str, Choice]] = {
-        name: {role: Choice(backend) for role, backend in rows.items()} for name, rows in PROFILES.items()
-    }
-
-    def choices_of(name: str, place: Place) -> dict[str, Choice]:
-        if name not in profiles:
-            problems.append(Problem(place, "", f'"{name}"', "is no profile", suggestion(name, profiles)))
-        return dict(profiles.get(name, {}))
-
     for file in files:
-        profiles |= file.profiles
         if (name := file.switches.get("profile")) is not None:
-            merged = choices_of(name, file.place)  # a profile replaces all choices before it
+            merged = _profile(name)  # a profile replaces all choices before it
         merged |= file.choices
-        merged_switches |= {key: value for key, value in file.switches.items() if key != "profile"}
+        switches |= file.switches
         for name, table in file.options.items():
             options.setdefault(name, {}).update(table)
-    if profile is not None:
-        merged = choices_of(profile, Place("--profile"))
-    merged |= flags
-    merged_switches |= {key: value for key, value in switches.items() if value is not None}
-    problems += _switch_problems(merged_switches, Place("--device"), Place("--dtype"))
+    flags = {"profile": profile, "device": device, "dtype": dtype}
+    flags = {key: value for key, value in flags.items() if value is not None}
+    problems += _switch_problems(flags, {key: Place(f"--{key}") for key in flags})
+    try:
+        given = choices(settings)
+    except InputError as error:
+        problems += error.problems
     if problems:
         raise InputError(problems)
-    return Plan(merged, options=options, **merged_switches)
+    switches |= flags
+    if profile is not None:
+        merged = _profile(profile)
+    switches.pop("profile", None)
+    return Plan(merged | given, options=options, **switches)
+
+
+def _profile(name: str) -> dict[str, Choice]:
+    return {role: Choice(backend) for role, backend in PROFILES[name].items()}
+
+
+def _switch_problems(switches: Mapping[str, Any], places: Mapping[str, Place]) -> Iterator[Problem]:
+    for key, value in switches.items():
+        if not isinstance(value, str):
+            yield Problem(places[key], key, repr(value), "is not text", "write text")
+        elif key == "device" and not DEVICE.fullmatch(value):
+            fix = "write auto, cpu, cuda, cuda:1 or mps"
+            yield Problem(places[key], "", f'"{value}"', "is no device", fix)
+        elif key == "dtype" and value not in DTYPES:
+            yield Problem(places[key], "", f'"{value}"', "is no number format", suggestion(value, DTYPES))
+        elif key == "profile" and value not in PROFILES:
+            yield Problem(places[key], "", f'"{value}"', "is no profile", suggestion(value, PROFILES))
 
 
 def user_file() -> Path:
@@ -458,24 +460,13 @@ def user_file() -> Path:
     return (Path(home) if home else Path.home() / ".config") / "physgen" / CONFIGURATION
 
 
-def configuration_files() -> Iterator[Path]:
-    """The existing configuration files: the user's, then that of the folder or of the nearest one above it.
-
-    Folders above that belong to another user are not searched.
-    """
-    if user_file().is_file():
-        yield user_file()
-    here = Path.cwd()
-    for folder in (here, *here.parents):
-        if folder.stat().st_uid != here.stat().st_uid:
-            return
-        if (folder / CONFIGURATION).is_file():
-            yield folder / CONFIGURATION
-            return
+def configuration_files() -> list[Path]:
+    """The existing configuration files: the user's, then that of the current folder."""
+    return [path for path in (user_file(), Path.cwd() / CONFIGURATION) if path.is_file()]
 
 
 def read_configuration(path: Path, *, trusted: bool = True) -> Configuration:
-    """One configuration file. Raises InputError with everything wrong in it, by line.
+    """One configuration file. Raises InputError with everything wrong in it.
 
     A file that is not `trusted`, since it came with a folder, may name neither programs nor servers (photos are sent
     to them).
@@ -483,68 +474,46 @@ def read_configuration(path: Path, *, trusted: bool = True) -> Configuration:
     import tomllib  # here, since reading a scene imports this module
     from urllib.parse import urlsplit
 
+    place = Place(str(path))
     try:
-        text = path.read_text(encoding="utf-8")
-        data = tomllib.loads(text)
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError.of(str(path), "", f"cannot be read ({error.strerror})", "see --config") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         fix = "see docs/models.md for an example"
         raise InputError.of(str(path), "", f"is not TOML: {error}", fix) from None
-    problems: list[Problem] = []
-
-    def at(*keys: str) -> Place:
-        return Place(str(path), *_position(text, keys))
-
-    def read_choices(table: Any, *above: str) -> dict[str, Choice]:
-        result: dict[str, Choice] = {}
-        if not isinstance(table, dict):
-            fix = 'write segment = "sam3" below it'
-            problems.append(Problem(at(*above), ".".join(above), "", "is not a table", fix))
-            return result
-        for role, value in table.items():
-            place = at(*above, role)
-            if not isinstance(value, str):
-                problems.append(Problem(place, role, repr(value), "is not text", 'write e.g. "sam3"'))
-                continue
-            name, colon, weights = value.partition(":")
-            weights = ",".join(_relative_to(path, part) for part in weights.split(","))
-            if name in PROGRAMS and weights and not trusted:
-                expected = "is a program that a folder's file may not run"
-                problems.append(Problem(place, role, f'"{role} = {value}"', expected, TRUSTED))
-                continue
-            try:
-                result[role] = choice(role, name, weights, place, colon=bool(colon))
-            except InputError as error:
-                problems.extend(error.problems)
-        return result
-
     switches = {key: data.pop(key) for key in SWITCHES if key in data}
-    for key, value in list(switches.items()):
-        if not isinstance(value, SWITCHES[key]):
-            kind = "true or false" if SWITCHES[key] is bool else "text"
-            problems.append(Problem(at(key), key, repr(value), f"is not {kind}", f"write {kind}"))
-            del switches[key]
-    problems += _switch_problems(switches, at("device"), at("dtype"))
-    chosen = read_choices(data.pop("backend", {}), "backend")
-    profiles = {
-        name: read_choices(table, "profiles", name) for name, table in data.pop("profiles", {}).items()
-    }
-    known = {row.name for row in BACKENDS}
-    options = {}
+    problems = list(_switch_problems(switches, dict.fromkeys(switches, place)))
+    chosen: dict[str, Choice] = {}
+    table = data.pop("backend", {})
+    for role, value in table.items() if isinstance(table, dict) else [("", table)]:
+        if not role or not isinstance(value, str):
+            fix = 'write e.g. segment = "sam3" below [backend]'
+            problems.append(Problem(place, f"backend.{role}", repr(value), "is not text", fix))
+            continue
+        name, colon, weights = value.partition(":")
+        if name in PROGRAMS and weights and not trusted:
+            expected = "is a program that a folder's file may not run"
+            problems.append(Problem(place, f"backend.{role}", f'"{value}"', expected, TRUSTED))
+            continue
+        weights = ",".join(_relative_to(path, part) for part in weights.split(","))
+        try:
+            chosen[role] = choice(role, f"{name}{colon}{weights}", place)
+        except InputError as error:
+            problems += error.problems
+    known = sorted({row.name for row in BACKENDS})
     for name, table in data.items():
         if name not in known or not isinstance(table, dict):
-            fix = suggestion(name, [*SWITCHES, "backend", "profiles", *sorted(known)])
-            problems.append(Problem(at(name), name, f'"{name}"', "means nothing here", fix))
+            fix = suggestion(name, [*SWITCHES, "backend", *known])
+            problems.append(Problem(place, name, f'"{name}"', "means nothing here", fix))
             continue
-        options[name] = table
         host = urlsplit(str(table.get("url", ""))).hostname
         if not trusted and host not in (None, "localhost", "127.0.0.1", "::1"):
             expected = "is a server that a folder's file may not choose: photos are sent to it"
-            problems.append(Problem(at(name, "url"), f"{name}.url", f'"{host}"', expected, TRUSTED))
+            problems.append(Problem(place, f"{name}.url", f'"{host}"', expected, TRUSTED))
     if problems:
         raise InputError(problems)
-    return Configuration(switches, chosen, profiles, options, at("profile"))
+    return Configuration(switches, chosen, data)
 
 
 def _relative_to(path: Path, weights: str) -> str:
@@ -554,31 +523,6 @@ def _relative_to(path: Path, weights: str) -> str:
         return str(beside) if weights and beside.exists() else weights
     except (OSError, RuntimeError, ValueError):  # not a path
         return weights
-
-
-def _switch_problems(
-    switches: Mapping[str, Any], device_place: Place, dtype_place: Place
-) -> Iterator[Problem]:
-    device, dtype = switches.get("device", "auto"), switches.get("dtype", "auto")
-    if not DEVICE.fullmatch(device):
-        yield Problem(device_place, "", f'"{device}"', "is no device", "write auto, cpu, cuda, cuda:1 or mps")
-    if dtype not in DTYPES:
-        yield Problem(dtype_place, "", f'"{dtype}"', "is no number format", suggestion(dtype, DTYPES))
-
-
-def _position(text: str, keys: Sequence[str]) -> tuple[int, int]:
-    """Line and column, from 1, of a key in TOML text; (0, 0) where it is not found."""
-    table = ".".join(keys[:-1])
-    inside = not table
-    for number, line in enumerate(text.splitlines(), 1):
-        header = re.match(r"\s*\[([^\]]+)\]", line)
-        if header:
-            if header[1].strip() == ".".join(keys):
-                return number, line.index("[") + 1
-            inside = header[1].strip() == table
-        elif inside and (key := re.match(rf"""(\s*)["']?{re.escape(keys[-1])}["']?\s*=""", line)):
-            return number, len(key[1]) + 1
-    return 0, 0
 
 
 # --- calls ---
@@ -592,16 +536,8 @@ class Step:
     backend: str
     weights: str
     seconds: float
-    instead_of: str = ""
-    """The choice that failed."""
-    because: str = ""
-    """Its error."""
     note: Mapping[str, Any] = field(default_factory=dict)
     """The backend's own entries: device, requests, tokens ..."""
-
-
-def _ignore(problem: Problem) -> None:
-    """Drop a warning."""
 
 
 class Backends:
@@ -610,20 +546,13 @@ class Backends:
     A backend may have `close()`, which frees its model, and `note()`, a mapping for the record.
     """
 
-    def __init__(self, plan: Plan | None = None, warn: Callable[[Problem], None] = _ignore) -> None:
+    def __init__(self, plan: Plan | None = None) -> None:
         """Raises InputError with everything that the plan needs and that is missing."""
         self.plan = plan or Plan()
         self.steps: list[Step] = []
-        self._warn = warn
         self._made: dict[str, Any] = {}
-        self._failed: set[str] = set()
         problems: list[Problem] = []
         for role, chosen in self.plan.choices.items():
-            if self.plan.fallback:
-                continue  # failures are reported at the call
-            if (missing := _not_installed(self.plan.row(role))) is not None:
-                problems.append(replace(missing, place=chosen.place))
-                continue
             try:
                 self.get(role)  # no weights are loaded yet
             except InputError as error:
@@ -635,16 +564,13 @@ class Backends:
         if problems:
             raise InputError(problems)
 
-    def begin(self, warn: Callable[[Problem], None] = _ignore) -> None:
-        """Start another photo: the record is emptied, and backends that failed are tried again."""
-        self.steps, self._warn = [], warn
-        for role in self._failed:
-            self.close(role)
-        self._failed.clear()
+    def begin(self) -> None:
+        """Start another photo: the record is emptied."""
+        self.steps = []
 
     def row(self, role: str) -> Backend:
-        """The row in use for `role`: the default where the chosen one has failed."""
-        return find(role) if role in self._failed else self.plan.row(role)
+        """The row in use for `role`."""
+        return self.plan.row(role)
 
     def name(self, role: str) -> str:
         """The row's name, for `from`."""
@@ -653,55 +579,36 @@ class Backends:
     def get(self, role: str) -> Any:
         """The backend itself."""
         if role not in self._made:
-            setup = Setup() if role in self._failed else self.plan.setup(role)
-            self._made[role] = make(role, self.name(role), setup)
+            self._made[role] = make(role, self.name(role), self.plan.setup(role))
         return self._made[role]
 
     def call(self, role: str, *arguments: Any, **extra: Any) -> Any:
         """The result of the role's backend for `arguments`, and for those of `extra` that its row uses. See `run`."""
-
-        def use(backend: Any) -> Any:
-            uses = self.row(role).uses
-            return backend(*arguments, **{key: extra[key] for key in uses if key in extra})
-
-        return self.run(role, use)
+        used = {key: extra[key] for key in self.row(role).uses if key in extra}
+        return self.run(role, lambda backend: backend(*arguments, **used))
 
     def run(self, role: str, use: Callable[[Any], Any]) -> Any:
         """`use(backend)` of the role's backend, as a step of the record.
 
-        Where it fails and the plan allows a fallback, the role's default is used, with a warning and a note in the
-        record. Raises InputError where the chosen backend fails.
+        Raises InputError where a chosen backend fails.
         """
         started = time.perf_counter()
-        weights = self.plan.setup(role).weights or next((one.id for one in self.row(role).weights), "")
-        step = Step(role, self.name(role), weights, 0.0)
+        row = self.row(role)
+        weights = self.plan.setup(role).weights or next((one.id for one in row.weights), "")
         try:
             result = use(self.get(role))
+        except InputError:
+            raise
         except Exception as error:
-            if self.row(role) is find(role):
+            if row is find(role):
                 raise  # a defect of the default, not of a choice
-            chosen = self.plan.choices[role]
-            found, expected = f"{role}={chosen}", f"failed ({describe_error(error)})"
-            if not self.plan.fallback:
-                if isinstance(error, InputError):
-                    raise
-                fix = "see what failed, choose another, or let the offline one take over: --fallback"
-                raise InputError([Problem(FLAG, "", found, expected, fix)]) from error
-            self.close(role)
-            self._failed.add(role)
-            step = Step(role, self.name(role), "", 0.0, str(chosen), describe_error(error))
-            fix = f"{step.backend} took over: see what failed, or choose another"
-            self._warn(Problem(FLAG, "", found, expected, fix, Severity.WARNING))
-            result = use(self.get(role))
-        step.seconds = time.perf_counter() - started
-        note = getattr(self._made.get(role), "note", None)
-        step.note = note() if note else {}
-        self.steps.append(step)
+            found, expected = f"{role}={self.plan.choices[role]}", f"failed ({describe_error(error)})"
+            fix = "see what failed, or choose another"
+            raise InputError([Problem(FLAG, "", found, expected, fix)]) from error
+        note = getattr(self._made[role], "note", None)
+        seconds = time.perf_counter() - started
+        self.steps.append(Step(role, row.name, weights, seconds, note() if note else {}))
         return result
-
-    def failed(self, role: str) -> bool:
-        """Whether the chosen backend has failed on this photo."""
-        return role in self._failed
 
     def release(self, *roles: str) -> None:
         """Free the models of roles that are done for this photo, unless the plan keeps them."""
@@ -717,13 +624,9 @@ class Backends:
                 with suppress(Exception):
                     close()
 
-    def fallbacks(self) -> list[Step]:
-        """Steps in which a default replaced a failed backend."""
-        return [step for step in self.steps if step.instead_of]
-
     def all_default(self) -> bool:
-        """Whether every step was done, as planned, by the default of its role."""
-        return not any(step.instead_of or step.backend != find(step.role).name for step in self.steps)
+        """Whether every step was done by the default of its role."""
+        return all(step.backend == find(step.role).name for step in self.steps)
 
     def record(self) -> list[dict[str, Any]]:
         """Every step as JSON."""
@@ -753,56 +656,52 @@ NAME_WIDTH = 24
 
 
 def listing(plan: Plan | None = None) -> list[Mapping[str, Any]]:
-    """One mapping a row: role, name, default, chosen, installed, ready, missing, install, weights, unset, about.
+    """One mapping a row: role, name, default, chosen, ready, missing, about.
 
-    `chosen` rows are those of `plan`, `ready` ones would run now; nothing is imported or fetched. `weights` of rows
-    that read a map is that file.
+    `chosen` rows are those of `plan`, `ready` ones would run now: nothing is in their list `missing`, which names
+    libraries, weights and settings with the way to get each. Nothing is imported or fetched.
     """
     plan = plan or Plan()
-    return [_listed(row, plan) for row in BACKENDS]
+    rows: list[Mapping[str, Any]] = []
+    for row in BACKENDS:
+        chosen = plan.row(row.role) is row
+        named = plan.choices[row.role].weights if chosen and row.role in plan.choices else ""
+        missing = list(_missing(row, named, plan.options.get(row.name, {})))
+        rows.append(
+            {
+                "role": row.role,
+                "name": row.name,
+                "default": row is find(row.role),
+                "chosen": chosen,
+                "ready": not missing,
+                "missing": missing,
+                "about": row.about,
+            }
+        )
+    return rows
 
 
-def _listed(row: Backend, plan: Plan) -> dict[str, Any]:
-    chosen = plan.row(row.role) is row
-    named = plan.choices[row.role].weights if chosen and row.role in plan.choices else ""
-    weights = _listed_weights(row, named)
-    options = plan.options.get(row.name, {})  # `url` of [vlm] stands for PHYSGEN_VLM_URL
-    configured = {name for name in row.settings if options.get(name.rsplit("_", 1)[-1].lower())}
-    unset = [name for name in row.settings if not (os.environ.get(name) or name in configured or named)]
-    return {
-        "role": row.role,
-        "name": row.name,
-        "default": row is find(row.role),
-        "chosen": chosen,
-        "installed": not row.missing(),
-        "ready": not row.missing() and not unset and all(one["here"] for one in weights),
-        "missing": list(row.missing()),
-        "install": _install_command(row),
-        "weights": weights,
-        "unset": unset,
-        "about": row.about,
-    }
-
-
-def _listed_weights(row: Backend, named: str) -> list[dict[str, Any]]:
-    """The files that a row reads: its own weights, those `named` in their place, or a map's file."""
-    if row.name == MAP_FILE:
-        here = bool(named) and Path(named).expanduser().is_file()
-        get = "" if named else f"write {row.role}={row.name}:PATH"
-        return [{"id": named, "size": "", "licence": "", "here": here, "get": get}]
+def _missing(row: Backend, named: str, options: Mapping[str, Any]) -> Iterator[str]:
+    """What a row lacks here, with the fix; `named` are the weights, or the map, of its choice."""
+    if modules := row.missing():
+        yield f"needs {', '.join(modules)}: {_install_command(row)}"
+    if row.name == MAP_FILE and not named:
+        yield f"write {row.role}={row.name}:PATH"
+    elif row.name == MAP_FILE and not Path(named).expanduser().is_file():
+        yield f"lacks {named}"
     several = len(row.weights) > 1  # a single path may contain a comma
-    parts = [part.strip() for part in named.split(",")] if several else [named] * len(row.weights)
-    parts += [""] * (len(row.weights) - len(parts))
-    own = (*row.weights, *(Weights("", "", "") for _ in parts[len(row.weights) :]))
-    weights = [Weights(part, "", "") if part else default for default, part in zip(own, parts, strict=True)]
-    return [
-        {
-            **{key: value for key, value in asdict(one).items() if key != "get"},
-            "here": weights_present(one.id),
-            "get": "" if part else one.get or f"hf download {one.id}",
-        }
-        for one, part in zip(weights, parts, strict=True)
-    ]
+    parts = [part.strip() for part in named.split(",")] if several else [named]
+    for k, default in enumerate(row.weights):
+        part = parts[k] if k < len(parts) else ""
+        if part and not weights_present(part):
+            yield f"lacks {part}"
+        elif not part and not weights_present(default.id):
+            name, get = default.id or "its file", default.get or f"hf download {default.id}"
+            yield f"lacks {name} ({default.size}, {default.licence}): {get}"
+    # `url` of [vlm] stands for PHYSGEN_VLM_URL; a model named after the colon stands for both
+    configured = {name for name in row.settings if options.get(name.rsplit("_", 1)[-1].lower())}
+    if unset := [name for name in row.settings if not (os.environ.get(name) or name in configured or named)]:
+        yield f"set {' and '.join(unset)}"
 
 
 def weights_present(weights: str) -> bool:
@@ -831,19 +730,4 @@ def listing_lines(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
             role = row["role"]
             yield role
         yield f"  {'*' if row['chosen'] else ' '} {row['name']:<{NAME_WIDTH}} {row['about']}"
-        yield from (f"{'':{NAME_WIDTH + 5}}{line}" for line in _missing_lines(row))
-
-
-def _missing_lines(row: Mapping[str, Any]) -> Iterator[str]:
-    if row["missing"]:
-        yield f"[needs {', '.join(row['missing'])}: {row['install']}]"
-    for one in row["weights"]:
-        if row["name"] == MAP_FILE and not one["id"]:
-            yield f"[{one['get']}]"
-            continue
-        details = ", ".join(part for part in (one["size"], one["licence"]) if part)
-        name = f"{one['id'] or 'its file'}" + (f" ({details})" if details else "")
-        get = f": {one['get']}" if one["get"] else ""
-        yield f"{name}, here" if one["here"] else f"[lacks {name}{get}]"
-    if row["unset"]:
-        yield f"[set {' and '.join(row['unset'])}]"
+        yield from (f"{'':{NAME_WIDTH + 5}}[{line}]" for line in row["missing"])

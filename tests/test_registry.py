@@ -1,4 +1,4 @@
-"""The registry: the table, the choice from files and flags, what is refused, fallbacks, and the listing."""
+"""The registry: the table, the choice from files and flags, what is refused, and the listing."""
 
 from __future__ import annotations
 
@@ -81,61 +81,47 @@ def test_choices_report_every_mistake():
     assert len(error.value.problems) == 3
 
 
-def test_flags_override_the_folder_and_the_folder_overrides_the_user(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_flags_override_the_folder_and_the_folder_overrides_the_user(tmp_path: Path):
     write(
         tmp_path / "home/physgen/physgen.toml",
-        'device = "cuda:1"\nkeep = true\n[backend]\nsegment = "classical"\ninpaint = "lama:/models/big-lama.pt"\n',
+        'device = "cuda:1"\n[backend]\nsegment = "learned"\ninpaint = "lama:/models/big-lama.pt"\n',
     )
-    write(tmp_path / "physgen.toml", '[backend]\nsegment = "sam3"\nphysics = "vlm"\n')
-    below = tmp_path / "photos/new"
-    below.mkdir(parents=True)
-    monkeypatch.chdir(below)
+    write(tmp_path / "physgen.toml", '[backend]\nsegment = "sam3"\nphysics = "vlm"\n[vlm]\nsamples = 3\n')
     plan = load_plan(["physics=table"], device="cpu")
     assert chosen(plan) == {"segment": "sam3", "inpaint": "lama:/models/big-lama.pt", "physics": "table"}
-    assert (plan.device, plan.keep, plan.fallback) == ("cpu", True, False)
+    assert plan.device == "cpu"
+    assert load_plan(["physics=vlm"]).setup("physics").options == {"samples": 3}
 
 
 def test_profiles_replace_the_choices_before_them(tmp_path: Path):
-    write(
-        tmp_path / "physgen.toml",
-        'profile = "mine"\n[backend]\nsegment = "classical"\n'
-        '[profiles.mine]\nsegment = "sam3"\nnormals = "marigold"\n[vlm]\nsamples = 3\n',
-    )
-    assert chosen(load_plan()) == {"segment": "classical", "normals": "marigold"}
-    assert chosen(load_plan(profile="mine")) == {"segment": "sam3", "normals": "marigold"}
-    assert chosen(load_plan(["segment=learned"], profile="mine"))["segment"] == "learned"
-    assert load_plan(["physics=vlm"]).setup("physics").options == {"samples": 3}
-    assert load_plan(profile="models").row("segment").name == "grounding-dino+sam"
-    write(tmp_path / "home/physgen/physgen.toml", 'keep = true\n[backend]\nsegment = "sam3"\n')
-    write(tmp_path / "physgen.toml", 'profile = "offline"\nkeep = false\n')
-    assert chosen(load_plan()) == {}
-    assert not load_plan(otherwise={"keep": True}).keep
-    write(tmp_path / "physgen.toml", 'device = "cpu"\n\nprofile = "offlne"\n')
-    with pytest.raises(InputError, match=r'physgen.toml:3:1: "offlne" is no profile; did you mean offline'):
-        load_plan()
+    write(tmp_path / "home/physgen/physgen.toml", '[backend]\nsegment = "sam3"\n')
+    write(tmp_path / "physgen.toml", 'profile = "models"\n[backend]\nphysics = "table"\n')
+    plan = load_plan()
+    assert (plan.row("segment").name, plan.row("physics").name) == ("grounding-dino+sam", "table")
+    assert load_plan(profile="models").row("physics").name == "vlm"
+    assert chosen(load_plan(["segment=learned"], profile="offline")) == {"segment": "learned"}
 
 
-def test_every_mistake_in_a_file_is_reported_with_its_line(tmp_path: Path):
+def test_every_mistake_in_a_file_is_reported(tmp_path: Path):
     file = write(
         tmp_path / "physgen.toml",
-        'device = "gpu"\nkeep = "yes"\n[backend]\nsegmnt = "sam3"\nsegment = "sam4"\n  inpaint = "fill:x"\n'
-        '[profiles.a]\ndepth = 3\n[vln]\nurl = "x"\n',
+        'device = "gpu"\nprofile = "offlne"\n[backend]\nsegmnt = "sam3"\nsegment = "sam4"\ninpaint = "fill:x"\n'
+        'depth = 3\n[vln]\nurl = "x"\n',
     )
     with pytest.raises(InputError) as error:
         load_plan()
-    lines = sorted(str(problem).removeprefix(f"{file}:") for problem in error.value.problems)
+    lines = [str(problem).removeprefix(f"{file}: ") for problem in error.value.problems]
     expected = [
-        '1:1: "gpu" is no device; write auto, cpu, cuda, cuda:1 or mps',
-        "2:1: keep: 'yes' is not true or false; write true or false",
-        '4:1: "segmnt" is not a role; did you mean segment?',
-        '5:1: segment="sam4" is not a backend; did you mean sam3?',
-        '6:3: "inpaint=fill:x" names weights for what has none; write inpaint=fill',
-        '8:1: depth: 3 is not text; write e.g. "sam3"',
-        '9:1: vln: "vln" means nothing here; did you mean vlm?',
+        '"gpu" is no device; write auto, cpu, cuda, cuda:1 or mps',
+        '"offlne" is no profile; did you mean offline?',
+        '"segmnt" is not a role; did you mean segment?',
+        'segment="sam4" is not a backend; did you mean sam3?',
+        '"inpaint=fill:x" names weights for what has none; write inpaint=fill',
+        'backend.depth: 3 is not text; write e.g. segment = "sam3"',
+        'vln: "vln" means nothing here; did you mean vlm?',
     ]
-    assert all(line.startswith(start) for line, start in zip(lines, expected, strict=True)), lines
+    assert len(lines) == len(expected)
+    assert all(any(line.startswith(start) for line in lines) for start in expected), lines
 
 
 @pytest.mark.parametrize(
@@ -165,11 +151,9 @@ def test_a_folder_names_neither_programs_nor_servers(tmp_path: Path):
     with pytest.raises(InputError) as error:
         load_plan()
     message = str(error.value)
-    assert "physgen.toml:2:1: inpaint:" in message
-    assert (
-        "is a program that a folder's file may not run; say it on the command line, with --config" in message
-    )
-    assert "physgen.toml:5:1: vlm.url:" in message
+    assert "physgen.toml: backend.inpaint:" in message
+    assert "is a program that a folder's file may not run; write it on the command line" in message
+    assert "physgen.toml: vlm.url:" in message
     assert chosen(load_plan(config=file))["inpaint"] == "lama:evil.pt"  # named by the user
     write(file, '[vlm]\nurl = "http://127.0.0.1:8000/v1"\n')
     assert load_plan().options["vlm"] == {"url": "http://127.0.0.1:8000/v1"}
@@ -224,34 +208,11 @@ def test_models_are_freed_after_their_role_unless_kept(odd: type[Odd]):
         assert [(step["backend"], step["weights"]) for step in backends.record()] == [("odd", "a/b")]
 
 
-def test_a_failure_is_an_error_unless_a_fallback_is_allowed(odd: type[Odd]):
+def test_a_failure_of_a_chosen_backend_is_an_error(odd: type[Odd]):
     odd.fails = True
     failed = r"segment=odd:c/d failed .RuntimeError: out of memory.; see what failed"
     with pytest.raises(InputError, match=failed):
         Backends(Plan(choices(["segment=odd:c/d"]))).call("segment", RGB, categories=[])
-    warnings = []
-    backends = Backends(Plan(choices(["segment=odd:c/d"]), fallback=True), warnings.append)
-    backends.call("segment", RGB, categories=[])
-    assert backends.name("segment") == "learned"
-    (step,) = backends.record()
-    found = step["backend"], step["instead_of"], step["because"]
-    assert found == ("learned", "odd:c/d", "RuntimeError: out of memory")
-    assert "segment=odd:c/d failed (RuntimeError: out of memory); learned took over" in str(warnings[0])
-    assert not backends.all_default()
-
-
-def test_a_backend_that_failed_is_tried_again_on_the_next_photo(odd: type[Odd]):
-    for keep in (False, True):
-        backends = Backends(Plan(choices(["segment=odd"]), keep=keep, fallback=True))
-        odd.fails = True
-        photo = np.zeros((64, 64, 3), np.uint8)
-        assert backends.call("segment", photo, categories=[1]).labels.shape == (64, 64)
-        odd.fails = False
-        backends.begin()
-        assert backends.name("segment") == "odd"
-        assert backends.call("segment", RGB, categories=[1]) == [1]
-        assert [step.backend for step in backends.steps] == ["odd"]
-        assert not backends.fallbacks()
 
 
 def test_missing_libraries_are_reported_before_anything_runs(monkeypatch: pytest.MonkeyPatch):
@@ -264,35 +225,32 @@ def test_missing_libraries_are_reported_before_anything_runs(monkeypatch: pytest
         Backends(Plan(choices(["segment=far", "depth=far"])))
     assert len(error.value.problems) == 2
     assert 'needs no_such_module, which is not installed; pip install "physgen[models]"' in str(error.value)
-    backends = Backends(Plan(choices(["depth=far"]), fallback=True))
-    assert not backends.call("depth", RGB).any()
-    assert backends.name("depth") == "none"
-    assert (listing()[-1]["installed"], listing()[-1]["missing"]) == (False, ["no_such_module"])
+    assert listing()[-1]["missing"][0] == 'needs no_such_module: pip install "physgen[models]"'
 
 
-def listed(setting: str) -> tuple[dict, list[str]]:
-    """The row that a choice takes, and the lines below it."""
+def missing(setting: str) -> list[str]:
+    """What the row that a choice takes lacks."""
     rows = listing(Plan(choices([setting])))
     (row,) = (row for row in rows if row["chosen"] and row["role"] == setting.partition("=")[0])
-    return dict(row), [line.strip() for line in list(listing_lines([row]))[2:]]
+    assert row["ready"] == (not row["missing"])
+    assert [line.strip()[1:-1] for line in list(listing_lines([row]))[2:]] == row["missing"]
+    return list(row["missing"])
 
 
 def test_weights_that_a_choice_leaves_out_are_the_rows_own(tmp_path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("HF_HUB_CACHE", str(tmp_path / "hub"))
     (tmp_path / "SAM").touch()
-    row, lines = listed(f"segment=grounding-dino+sam:,{tmp_path}/SAM")
-    assert [one["here"] for one in row["weights"]] == [False, True]
-    lacks = "[lacks IDEA-Research/grounding-dino-tiny (0.7 GB, Apache-2.0): hf download"
-    assert lines[-2].startswith(lacks)
-    assert lines[-1] == f"{tmp_path}/SAM, here"
-    row, lines = listed(f"segment=grounding-dino+sam:{tmp_path}/SAM")
-    assert [one["id"] for one in row["weights"]] == [f"{tmp_path}/SAM", "facebook/sam-vit-huge"]
+    lacks = (
+        "lacks IDEA-Research/grounding-dino-tiny (0.7 GB, Apache-2.0): hf download IDEA-Research/grounding"
+    )
+    (line,) = missing(f"segment=grounding-dino+sam:,{tmp_path}/SAM")
+    assert line.startswith(lacks)
+    (line,) = missing(f"segment=grounding-dino+sam:{tmp_path}/SAM")
+    assert line.startswith("lacks facebook/sam-vit-huge")
     write(tmp_path / "hub/models--IDEA-Research--grounding-dino-tiny/snapshots/1/config.json", "")
-    row, _ = listed(f"segment=grounding-dino+sam:, {tmp_path}/SAM")
-    assert all(one["here"] for one in row["weights"])
+    assert not missing(f"segment=grounding-dino+sam:, {tmp_path}/SAM")
     (tmp_path / "a,b").mkdir()
-    row, _ = listed(f"depth=depth-anything:{tmp_path}/a,b")
-    assert [(one["id"], one["here"]) for one in row["weights"]] == [(f"{tmp_path}/a,b", True)]
+    assert not missing(f"depth=depth-anything:{tmp_path}/a,b")
 
 
 @pytest.mark.slow

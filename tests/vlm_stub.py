@@ -104,14 +104,10 @@ def page(http: Any, body: dict[str, Any]) -> None:
 
 
 def demanding(http: Any, body: dict[str, Any]) -> None:
-    """A server that wants neither temperature nor seed, and lengths by their newer name."""
-    for name, wanted in (
-        ("temperature", "1 only"),
-        ("seed", "none"),
-        ("max_tokens", "max_completion_tokens"),
-    ):
+    """A server that wants neither temperature nor seed."""
+    for name in ("temperature", "seed"):
         if name in body:
-            return status(400, f"Unsupported parameter: '{name}'; use {wanted}.")(http, body)
+            return status(400, f"Unsupported parameter: '{name}'.")(http, body)
     return well(http, body)
 
 

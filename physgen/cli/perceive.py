@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -77,7 +78,7 @@ def _perceive_many(options: argparse.Namespace) -> int:
     wrong += [("perceive", f'"{name}"', "is the name of two photos", "rename one") for name in twins]
     if wrong:
         raise InputError(Problem(Place(file), "", found, what, fix) for file, found, what, fix in wrong)
-    crew = _crew(_plan(options, several=True))
+    crew = _crew(replace(_plan(options), keep=True))
     failed: list[Problem] = []
     bar = Bar()
     for k, image in enumerate(options.image):
@@ -120,8 +121,8 @@ def _crew(plan: Plan) -> Backends:
     return Backends(plan.of(ROLES))
 
 
-def _plan(options: argparse.Namespace, several: bool = False) -> Plan:
-    """Models are kept for several photos, unless a flag or a file says otherwise."""
+def _plan(options: argparse.Namespace) -> Plan:
+    """The backends that flags and configuration files choose."""
     from physgen.registry import configuration_files, load_plan
 
     if options.config is None:
@@ -133,9 +134,6 @@ def _plan(options: argparse.Namespace, several: bool = False) -> Plan:
         config=options.config,
         device=options.device,
         dtype=options.dtype,
-        fallback=options.fallback,
-        keep=getattr(options, "keep_models", None),
-        otherwise={"keep": several},
     )
 
 
@@ -204,21 +202,17 @@ def add_perceive(parser: Parser) -> None:
     about = 'what to look for, for backends that find what they are asked for: "ball, wooden block"'
     parser.option("--find", "NOUN,...", names, about, [])
     add_backends(parser)
-    about = "keep models in memory after their step; default: only for several photos"
-    parser.add_argument("--keep-models", action=argparse.BooleanOptionalAction, default=None, help=about)
 
 
 def add_backends(parser: Parser) -> None:
     """Flags that choose the backends, and where they run."""
     about = "the backend of a step, and the hub id or path of its weights; see physgen backends"
     parser.option("--backend", "ROLE=NAME[:WEIGHTS]", str, about, [], action="append")
-    about = "a set of backends: offline, models, best, or one from physgen.toml"
+    about = "a set of backends: offline, models or best"
     parser.option("--profile", "NAME", str, about)
     parser.option("--config", "FILE", Path, "read this in place of physgen.toml")
     parser.option("--device", "DEVICE", str, "where models run: auto, cpu, cuda, cuda:1 or mps")
     parser.option("--dtype", "TYPE", str, "their number type: auto, float32, float16 or bfloat16")
-    about = "use the offline backend where the chosen one fails, and report it"
-    parser.add_argument("--fallback", action=argparse.BooleanOptionalAction, default=None, help=about)
 
 
 def add_import(parser: Parser) -> None:

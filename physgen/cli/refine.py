@@ -62,7 +62,7 @@ def _plan(options: argparse.Namespace) -> Plan:
     if chosen.name == "none":
         fix = "name a backend, e.g. --backend animatediff; physgen backends lists them"
         raise InputError.of(str(chosen.place), '"none"', "leaves the video as it is", fix)
-    return replace(whole, choices={ROLE: chosen}, fallback=False)
+    return replace(whole, choices={ROLE: chosen})
 
 
 KEYS = ("strength", "stop", "steps", "seed", "prompt", "negative", "guidance", "lock", "detail")

@@ -38,7 +38,7 @@ from physgen.perceive.roles import (
     Shadows,
 )
 from physgen.perceive.scale import MIN_SCALE_CONFIDENCE, Scale, judged_scale, photo_scale, scale_entry
-from physgen.perceive.segment.prompts import segmenter
+from physgen.perceive.segment.prompts import Segmenter
 from physgen.perceive.shadow.shadow_removal import refill_background
 from physgen.photometry import decode, encode_u8
 from physgen.problems import InputError
@@ -164,7 +164,7 @@ class _Run:
     def detect(self, nouns: Sequence[str]) -> tuple[Detections, Scenery | None]:
         """Segments the photo."""
         self.progress("segment", ROLES.index("segment"), len(ROLES))
-        segments = segmenter(self.crew, nouns)(self.rgb)
+        segments = Segmenter(self.crew, nouns)(self.rgb)
         self.crew.release("segment")
         sure = {k + 1: float(c) for k, c in enumerate(segments.confidence)}
         source = self.crew.name("segment")
@@ -227,14 +227,8 @@ class _Run:
         return guess, depth, extra.get("normals")
 
     def signed(self, made: PerceivedScene) -> PerceivedScene:
-        """With the record of the backends, and which of them failed and were replaced."""
-        if self.crew.all_default():
-            return made
-        failures = [
-            f"{step.role}={step.instead_of} failed ({step.because}): {step.backend} took over"
-            for step in self.crew.fallbacks()
-        ]
-        return replace(made, header="\n".join([made.header, *failures]), record=self.crew.record())
+        """With the record of the backends, where models took part."""
+        return made if self.crew.all_default() else replace(made, record=self.crew.record())
 
 
 def fit_objects(rgb: Rgb, found: Detections) -> tuple[list[PhotoObject], int]:

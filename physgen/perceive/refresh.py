@@ -12,7 +12,6 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -30,12 +29,10 @@ from physgen.perceive.roles import (
     Name,
     PhotoObject,
     Physics,
-    Prompted,
     Rgb,
-    Segment,
 )
 from physgen.perceive.scale import DEFAULT_SCALE, MIN_SCALE_CONFIDENCE, photo_scale
-from physgen.perceive.segment.prompts import Box, Point, from_prompts
+from physgen.perceive.segment.prompts import Box, Point, Segmenter, from_prompts
 from physgen.scene.scene import BoxPrompt, MaskId, Object
 
 # share of the smaller mask, and of the old one, from which a new prompt means an existing object
@@ -75,7 +72,7 @@ def start_refresh(
     labels: Labels,
     boxes: Sequence[Box],
     points: Sequence[Point],
-    segment: Segment,
+    segment: Segmenter,
 ) -> RefreshStart:
     """Keeps objects without a prompt, segments those with one again; new boxes and points replace what they cover.
 
@@ -88,10 +85,8 @@ def start_refresh(
     prompts = [objects[k].prompt for k in prompted]
     old_boxes = [one.box for one in prompts if isinstance(one, BoxPrompt)]
     old_points = [one.point for one in prompts if one is not None and not isinstance(one, BoxPrompt)]
-    segmented = cache(lambda: segment(rgb))
-    once = segment if isinstance(segment, Prompted) else lambda rgb: segmented()
-    new = from_prompts(rgb, boxes, points, once)
-    again = from_prompts(rgb, old_boxes, old_points, once)
+    new = from_prompts(rgb, boxes, points, segment)
+    again = from_prompts(rgb, old_boxes, old_points, segment)
 
     result = np.zeros(labels.shape, np.uint16)
     owner: dict[int, int] = {}  # id -> index in objects

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,25 +101,13 @@ class PromptedMask:
 class Segment(Protocol):
     """Finds the movable objects of a photo.
 
-    Those that search for given nouns take `categories: Sequence[Category]`, too (`uses` in the table).
+    Those that search for given nouns take `categories: Sequence[Category]`, too (`uses` in the table). Those that take
+    prompts have `meant(rgb, boxes, points) -> Sequence[PromptedMask]`: the object of each box (left, top, width,
+    height), then of each point (x, y); all lie on the photo.
     """
 
     def __call__(self, rgb: Rgb) -> Segments:
         """Segments the photo."""
-        ...
-
-
-@runtime_checkable
-class Prompted(Segment, Protocol):
-    """A segmenter that takes boxes and points, too."""
-
-    def meant(
-        self,
-        rgb: Rgb,
-        boxes: Sequence[tuple[float, float, float, float]],
-        points: Sequence[tuple[float, float]],
-    ) -> Sequence[PromptedMask]:
-        """The object of each box (left, top, width, height), then of each point (x, y); all lie on the photo."""
         ...
 
 

@@ -64,14 +64,14 @@ def perceive(
     from physgen.perceive.import_coco import coco_objects, read_coco
     from physgen.perceive.perceive import LONGEST_SIDE, shrink_detections, shrink_photo
     from physgen.perceive.perceive import perceive as run
-    from physgen.perceive.segment.prompts import from_masks, from_prompts, segmenter, weak_prompts
+    from physgen.perceive.segment.prompts import Segmenter, from_masks, from_prompts, weak_prompts
     from physgen.photos import read_photo
     from physgen.registry import Backends
 
     options = replace(options or PerceiveOptions(), **changes)
     masks, coco, boxes, points = options.masks, options.coco, options.boxes, options.points
     crew = crew or Backends()
-    crew.begin(warn)
+    crew.begin()
     if sum((masks is not None, coco is not None, bool(boxes or points))) > 1:
         fix = "choose --masks, --coco, or --box and --point"
         raise InputError.of("perceive", "", "was given the objects in more than one way", fix)
@@ -97,7 +97,7 @@ def perceive(
         x, y = rgb.shape[1] / width, rgb.shape[0] / height
         boxes = [(box[0] * x, box[1] * y, box[2] * x, box[3] * y) for box in boxes]
         points = [(point[0] * x, point[1] * y) for point in points]
-        found = from_prompts(rgb, boxes, points, segmenter(crew, options.asked))
+        found = from_prompts(rgb, boxes, points, Segmenter(crew, options.asked))
         crew.release("segment")
         for problem in weak_prompts(found):
             warn(problem)
@@ -189,21 +189,21 @@ def refresh(
     )
     from physgen.perceive.roles import Name
     from physgen.perceive.scale import DEFAULT_SCALE
-    from physgen.perceive.segment.prompts import segmenter, weak_prompts
+    from physgen.perceive.segment.prompts import Segmenter, weak_prompts
     from physgen.photos import read_photo
     from physgen.registry import Backends
     from physgen.scene.load import load, raw_document
 
     options = replace(options or PerceiveOptions(), **changes)
     crew = crew or Backends()
-    crew.begin(warn)
+    crew.begin()
     scene = load(path, allow_outside=options.allow_outside)
     if scene.image is None:
         raise InputError.of("--refresh", f'"{path}"', "shows no photo", "name one with image:")
     maps = read_percepts(scene.image, scene.assets, scene.maps)
     kept = compile_scene(scene, None if maps is None else maps.labels).labels
     photo = read_photo(scene.image)
-    find = segmenter(crew, options.asked)
+    find = Segmenter(crew, options.asked)
     begun = start_refresh(photo.rgb, scene.objects, kept, options.boxes, options.points, find)
     crew.release("segment")
     for problem in weak_prompts(begun.found):
@@ -248,8 +248,6 @@ def refresh(
     text = path.read_text(encoding="utf-8-sig")
     comments = _comments(perceived, document, fresh, own, per_meter, ours.scale, text)
     header = "Perceived again: objects with a prompt were looked for anew, all else is as it was"
-    _, *fallbacks = perceived.header.split("\n")
-    header = "\n".join([header, *fallbacks])
     perceived = replace(perceived, document=document, comments=comments, header=header)
     image = scene.image if photo.plain else None
     return write_scene(perceived, image, scene.image.stem, output, options.assets, keep)

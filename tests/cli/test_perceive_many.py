@@ -24,7 +24,7 @@ def photos(tmp_path: Path) -> list[str]:
 
 
 def told(*arguments: str) -> int:
-    return main(["perceive", *arguments, "--backend", "segment=classical"])
+    return main(["perceive", *arguments, "--backend", "segment=learned"])
 
 
 def test_each_photo_becomes_the_scene_that_it_becomes_alone(photos, tmp_path: Path, capsys):
@@ -95,7 +95,7 @@ def test_a_photo_that_is_not_there_stops_all_before_any_work(photos, tmp_path: P
         ),
         (
             ("--backend", "categories=everyday"),
-            "--backend: warning: categories=everyday has no effect: segment=classical needs no categories",
+            "--backend: warning: categories=everyday has no effect: segment=learned needs no categories",
         ),
     ],
 )

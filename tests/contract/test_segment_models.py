@@ -14,9 +14,9 @@ import torch
 from physgen import registry
 from physgen.perceive.backends.segment_grounded import GroundingDino, Sam, Sam2, pixels
 from physgen.perceive.roles import Category, PromptedMask, Segments
-from physgen.perceive.segment.prompts import from_prompts
+from physgen.perceive.segment.prompts import Segmenter, from_prompts
 from physgen.problems import InputError
-from physgen.registry import Setup
+from physgen.registry import Backends, Setup
 
 pytestmark = pytest.mark.slow
 
@@ -125,7 +125,7 @@ def test_masks_land_where_the_boxes_are(name, size, tiny):
     # and those of a person
     height, width = size
     box = (0.2 * width, 0.3 * height, 0.4 * width, 0.5 * height)
-    told = from_prompts(photo(*size), [box], [(0.8 * width, 0.2 * height)], run)
+    told = from_prompts(photo(*size), [box], [(0.8 * width, 0.2 * height)], only(run))
     assert agree(told.labels == 1, rectangle(size, 0.2, 0.3, 0.6, 0.8)) > 0.93
     y, x = np.argwhere(told.labels == 2).mean(0)
     assert (x, y) == pytest.approx((0.8 * width, 0.2 * height), abs=0.03 * max(size))
@@ -245,6 +245,13 @@ def test_half_as_long_numbers_do(name, tiny):
     run.close()
 
 
+def only(backend) -> Segmenter:
+    """The segmenter of this backend."""
+    crew = Backends()
+    crew._made["segment"] = backend
+    return Segmenter(crew)
+
+
 def test_prompts_off_the_photo_are_told_before_any_model_is_asked():
     class Never:
         def __call__(self, rgb):
@@ -254,7 +261,7 @@ def test_prompts_off_the_photo_are_told_before_any_model_is_asked():
             raise AssertionError
 
     with pytest.raises(InputError) as error:
-        from_prompts(photo(60, 80), [(500, 0, 5, 5)], [(-3, 4)], Never())
+        from_prompts(photo(60, 80), [(500, 0, 5, 5)], [(-3, 4)], only(Never()))
     assert len(error.value.problems) == 2
 
 
@@ -270,5 +277,5 @@ def test_what_a_model_does_not_know_is_found_without_it():
         def meant(self, rgb, boxes, points):
             return [PromptedMask(mask, 0.9) for _ in (*boxes, *points)]
 
-    found = from_prompts(rgb, [(38, 28, 44, 34)], [], Blind())
+    found = from_prompts(rgb, [(38, 28, 44, 34)], [], only(Blind()))
     assert np.count_nonzero(found.labels[30:60, 40:80]) > 0.8 * 1200

@@ -178,7 +178,7 @@ def test_faults_of_a_table(tmp_path: Path, text: str, wrong: str) -> None:
 @pytest.mark.parametrize(
     ("flags", "wrong"),
     [
-        (["--backend", "segment=classical"], "has no part in this"),
+        (["--backend", "segment=learned"], "has no part in this"),
         (["nothing.yaml"], "cannot be read"),
     ],
 )

@@ -77,7 +77,7 @@ def test_every_layout_tells_the_same(folder: Path, capsys: pytest.CaptureFixture
 
 def test_bars_tables_and_pictures(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "deep" / "out"
-    arguments = ["evaluate", "segmentation", str(folder), "-o", str(out), "--backend", "segment=classical"]
+    arguments = ["evaluate", "segmentation", str(folder), "-o", str(out), "--backend", "segment=learned"]
     assert main([*arguments, "--recall", "0.9", "--iou", "0.999"]) == 1
     text = capsys.readouterr().out
     assert re.search(r"^a +4 +4 +4 +1\.000", text, re.M)

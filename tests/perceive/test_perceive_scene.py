@@ -11,7 +11,7 @@ from physgen.perceive import document
 from physgen.perceive.document import write_scene
 from physgen.perceive.perceive import perceive
 from physgen.perceive.roles import Segments
-from physgen.perceive.segment.prompts import from_masks, from_prompts, segment_box, segment_point
+from physgen.perceive.segment.prompts import Segmenter, from_masks, from_prompts, segment_box, segment_point
 from physgen.photos import read_image
 from physgen.problems import InputError
 from physgen.registry import Backends, Plan, choices
@@ -182,15 +182,11 @@ def test_a_point_finds_what_is_of_one_colour():
 def test_prompts_are_numbered_and_collected():
     rgb, _ = desk()
 
-    def nothing(photo: np.ndarray):
-        from physgen.perceive.roles import Segments
-
-        return Segments(np.zeros(photo.shape[:2], np.uint16), np.zeros(0))
-
-    found = from_prompts(rgb, [(15, 74, 50, 50)], [(100, 95)], nothing)
+    segment = Segmenter(Backends())
+    found = from_prompts(rgb, [(15, 74, 50, 50)], [(100, 95)], segment)
     assert set(np.unique(found.labels)) == {0, 1, 2}
     with pytest.raises(InputError) as error:
-        from_prompts(rgb, [(500, 0, 5, 5)], [(-3, 4), (5, 5)], nothing)
+        from_prompts(rgb, [(500, 0, 5, 5)], [(-3, 4), (5, 5)], segment)
     assert [str(p).split(":")[0] for p in error.value.problems] == [
         "--box 500,0,5,5",
         "--point -3,4",

@@ -12,17 +12,13 @@ from numpy.typing import NDArray
 
 from physgen import pipeline
 from physgen.cli.main import main
-from physgen.perceive.roles import Segments
-from physgen.perceive.segment.prompts import from_prompts, segment_box
+from physgen.perceive.segment.prompts import Segmenter, from_prompts, segment_box
+from physgen.registry import Backends
 from physgen.scene.scene import Box, BoxPrompt, PointPrompt
 
 Photo = tuple[NDArray[np.uint8], NDArray[np.uint16]]
 Sides = tuple[float, float, float, float]
 GOOD = 0.85
-
-
-def nothing(rgb: NDArray[np.uint8]) -> Segments:
-    return Segments(np.zeros(rgb.shape[:2], np.uint16), np.zeros(0))
 
 
 def grainy(picture: NDArray[np.float32]) -> NDArray[np.uint8]:
@@ -90,7 +86,7 @@ def test_a_point_in_the_middle(draw: Callable[[], Photo]) -> None:
     for k in range(1, labels.max() + 1):
         x, y, w, h = tight(labels == k)
         points.append((x + w / 2, y + h / 2))
-    found = from_prompts(rgb, [], points, nothing).labels
+    found = from_prompts(rgb, [], points, Segmenter(Backends())).labels
     overlaps = [overlap(found == k, labels == k) for k in range(1, labels.max() + 1)]
     assert min(overlaps) >= GOOD, overlaps
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from physgen.cli.arguments import Parser
 from physgen.cli.measures.output import add_output, hand_over
-from physgen.cli.output import Bar, print_error, print_problem
+from physgen.cli.output import Bar, print_error
 from physgen.problems import InputError
 
 ABOUT = "Masses, and orders of friction and elasticity, against what others measured."
@@ -39,7 +39,7 @@ def run(options: argparse.Namespace) -> int:
     if options.config is None:
         for path in configuration_files():
             print_error(f"{path}: chooses backends where no flag does")
-    backends = Backends(load_plan(options.backend, config=options.config).of(("physics",)), print_problem)
+    backends = Backends(load_plan(options.backend, config=options.config).of(("physics",)))
     bar = Bar()
     answers = ask(table, backends, not options.hide_size, bar.show)
     bar.clear()

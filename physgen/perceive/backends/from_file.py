@@ -44,6 +44,11 @@ def depth(setup: Setup) -> roles.Depth:
     return lambda rgb: _fit(values, rgb, path)
 
 
+def flat() -> roles.Depth:
+    """The backend `depth=none`: the same depth everywhere, for backends that need none."""
+    return lambda rgb: np.zeros(rgb.shape[:2], np.float32)
+
+
 def normals(setup: Setup) -> roles.Normals:
     """The backend `normals=file`: +x right, +y down, +z to the viewer; of any length but 0, made unit."""
     path = _path(setup, "normals")

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.perceive.backends.segment_classical import as_segments
 from physgen.perceive.roles import Doubt, Segment, Segments
 from physgen.perceive.segment.candidates import FEATURES, Candidates, candidates, confidence, expected_fit
 from physgen.perceive.segment.gradient import smoothed_lab
 from physgen.perceive.segment.network import run_network
 from physgen.perceive.segment.proposals import Proposal, outline, overlap
-from physgen.perceive.segment.selection import SHARED, background_likeness, best_set, exclusions
+from physgen.perceive.segment.selection import SHARED, background_likeness, best_set, exclusions, tighten
 
 
 @dataclass(frozen=True)
@@ -67,6 +67,28 @@ def chosen(rgb: NDArray[np.uint8], found: Candidates) -> Segments:
     some = [found.proposals[k] for k in sure.tolist()]
     objects = as_segments(rgb, some, fit[sure], confidence(fit[sure]), found.shape)
     return replace(objects, doubtful=doubts(found, fit, sure, rgb.shape[:2]))
+
+
+def as_segments(
+    rgb: NDArray[np.uint8],
+    proposals: Sequence[Proposal],
+    scores: NDArray[np.float64],
+    confidences: NDArray[np.float64],
+    shape: tuple[int, int],
+) -> Segments:
+    """Proposals on a grid of `shape` (h, w) as labels of the photo, their outlines fitted to its edges, left to right.
+
+    Of two with a common pixel the one with the better score gets it.
+    """
+    rising = np.argsort(scores, kind="stable")
+    labels = tighten(rgb, [proposals[i].on(shape) for i in rising.tolist()])
+    count = np.bincount(labels.ravel(), minlength=len(rising) + 1)
+    x = np.bincount(labels.ravel(), np.indices(labels.shape)[1].ravel(), len(count)) / np.maximum(count, 1)
+    order = 1 + np.argsort(x[1:], kind="stable")
+    order = order[count[order] > 0]
+    ids = np.zeros(len(count), np.uint16)
+    ids[order] = np.arange(1, len(order) + 1)
+    return Segments(ids[labels], confidences[rising][order - 1])
 
 
 def worth(found: Candidates, fit: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""Categories, labels and physical properties from a vision-language model, of a server or of transformers here.
+"""Categories, labels and physical properties from a vision-language model behind a server.
 
 The two questions of the paper (appendix, "Segmentation" and "Physical properties reasoning") in other words, and for
 more answers: material, solid, rolling and true size, which gives the photo its scale.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from math import exp, log, sqrt
 from typing import Any
 
@@ -15,7 +16,7 @@ import numpy as np
 
 from physgen.geometry import raster
 from physgen.geometry.polygon import Disc
-from physgen.perceive.backends.vlm_client import Client, Model, Settings, plain_line, read_settings
+from physgen.perceive.backends.vlm_client import Client, plain_line, read_settings
 from physgen.perceive.backends.vlm_prompts import (
     Mask,
     categories_query,
@@ -29,21 +30,30 @@ from physgen.perceive.scale import box_sides
 from physgen.registry import Setup
 from physgen.scene.scene import Solid
 
-OBJECTS_PER_QUESTION = 8
-"""Objects that are named in one question."""
-SIMILAR_SIZE = 1.15
-"""Ratio of lengths up to which two objects share one question."""
-SIMILAR_COLOUR = 20.0
-"""CIELAB distance up to which two objects have one colour."""
-NAME_CONFIDENCE = 0.8
-"""Of a name from a single answer."""
-MOST_CATEGORIES = 48
-MASS_SPREAD = 0.6
-"""Standard deviation of the logarithm of a mass judged by eye: the prior of one sample."""
-HIGHEST_CONFIDENCE = 0.9
-"""Of a mass, at perfect agreement: answers may agree and still be wrong."""
-SAME_LENGTH = 0.05
-"""Relative difference in length up to which two similar objects count as equal: masks are no more exact."""
+
+@dataclass(frozen=True)
+class AnswerConstants:
+    """Constants of what is asked together and of what is made of answers."""
+
+    objects: int = 8
+    """Objects that are named in one question."""
+    categories: int = 48
+    """At most, of a photo."""
+    similar_size: float = 1.15
+    """Ratio of lengths up to which two objects share one question."""
+    similar_colour: float = 20.0
+    """CIELAB distance up to which two objects have one colour."""
+    name: float = 0.8
+    """Confidence of a name from a single answer."""
+    mass_spread: float = 0.6
+    """Standard deviation of the logarithm of a mass judged by eye: the prior of one sample."""
+    mass: float = 0.9
+    """Highest confidence of a mass, at perfect agreement: answers may agree and still be wrong."""
+    same_length: float = 0.05
+    """Relative difference in length up to which two similar objects count as equal: masks are no more exact."""
+
+
+ANSWERS = AnswerConstants()
 RANGES: Mapping[str, tuple[float, float, str]] = {
     "mass": (1e-3, 1e7, "g"),
     "size": (1e-3, 50.0, "m"),
@@ -61,14 +71,14 @@ class _Role:
 
     def __init__(self, setup: Setup) -> None:
         """Raises InputError where no model is named."""
-        self._client = Client(read_settings(self.role, setup), setup, _load)
+        self._client = Client(read_settings(self.role, setup))
 
     def note(self) -> Mapping[str, Any]:
         """Requests, tokens, seconds and cost of the last photo, for the record."""
         return self._client.note()
 
     def close(self) -> None:
-        """Free the model."""
+        """Close the connections."""
         self._client.close()
 
 
@@ -85,7 +95,7 @@ class Categories(_Role):
         frequent = [noun for noun in dict.fromkeys(count) if 2 * count[noun] >= len(found)]
         votes = {noun: [one[noun] for one in found if noun in one] for noun in frequent}
         categories = [Category(noun, 2 * sum(movable) > len(movable)) for noun, movable in votes.items()]
-        return categories[:MOST_CATEGORIES]
+        return categories[: ANSWERS.categories]
 
 
 class Label(_Role):
@@ -95,7 +105,7 @@ class Label(_Role):
 
     def __call__(self, rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]) -> Mapping[int, Name]:
         """A name for every object, by id; the most frequent of several samples. Raises InputError."""
-        size = OBJECTS_PER_QUESTION
+        size = ANSWERS.objects
         groups = [list(objects[k : k + size]) for k in range(0, len(objects), size)]
         answers = self._client.ask([label_query(rgb, labels, group) for group in groups])
         result: dict[int, Name] = {}
@@ -103,7 +113,7 @@ class Label(_Role):
             names = [{one["number"]: clean_name(one["name"]) for one in s["objects"]} for s in samples]
             for k, item in enumerate(group, 1):
                 name, votes = Counter(one[k] for one in names).most_common(1)[0]
-                share = NAME_CONFIDENCE if len(samples) == 1 else round(0.95 * votes / len(samples), 2)
+                share = ANSWERS.name if len(samples) == 1 else round(0.95 * votes / len(samples), 2)
                 result[item.id] = Name(name, share)
         return result
 
@@ -142,9 +152,9 @@ def similar_groups(
 
     def similar(a: PhotoObject, b: PhotoObject) -> bool:
         pairs = zip(lengths[a.id], lengths[b.id], strict=True)
-        sized = all(1 / SIMILAR_SIZE <= x / y <= SIMILAR_SIZE for x, y in pairs)
+        sized = all(1 / ANSWERS.similar_size <= x / y <= ANSWERS.similar_size for x, y in pairs)
         distance = float(np.linalg.norm(colours[a.id] - colours[b.id]))
-        same_material = " " in a.label.strip() or distance <= SIMILAR_COLOUR
+        same_material = " " in a.label.strip() or distance <= ANSWERS.similar_colour
         return bool(a.label) and a.label == b.label and a.cut == b.cut and sized and same_material
 
     for item in objects:
@@ -180,7 +190,7 @@ def merged_matter(
     result = {}
     for item in objects:
         ratio = box_sides(item.outline)[0] / box_sides(example.outline)[0]
-        ratio = ratio if abs(ratio - 1) > SAME_LENGTH else 1.0
+        ratio = ratio if abs(ratio - 1) > ANSWERS.same_length else 1.0
         result[item.id] = Matter(
             mass=float(f"{value['mass'] * ratio**3:.3g}"),
             friction=round(value["friction"], 3),
@@ -205,18 +215,7 @@ def mass_confidence(masses: Sequence[float]) -> float:
     """
     logs = np.log(masses)
     scatter = float(((logs - logs.mean()) ** 2).sum())
-    return round(HIGHEST_CONFIDENCE * exp(-sqrt((scatter + MASS_SPREAD**2) / len(logs))), 2)
-
-
-def _load(settings: Settings, setup: Setup) -> Model:
-    """The model; the library that it needs is imported now."""
-    if settings.url:
-        from physgen.perceive.backends.vlm_server import Server
-
-        return Server(settings)
-    from physgen.perceive.backends.vlm_local import load
-
-    return load(settings, setup)
+    return round(ANSWERS.mass * exp(-sqrt((scatter + ANSWERS.mass_spread**2) / len(logs))), 2)
 
 
 def _nouns(answer: Any) -> dict[str, bool]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from math import ceil, sqrt
 from typing import Any
 
@@ -16,24 +17,33 @@ from physgen.perceive.scale import box_sides
 from physgen.scene.scene import Solid
 
 Mask = NDArray[np.bool_]
-LONGEST_NAME = 48
-"""Characters of a name."""
 NAME_EDGES = " \"'`.,;:*"
 """Characters that are removed from the ends of names."""
-DENSEST = 23.0
-"""g/cm³: osmium, the densest element (CRC)."""
-PHOTO_SIDE = 1024
-"""px: the longer side of a whole photo, at most."""
-CLOSEUP_SIDES = (256, 512)
-"""px: the longer side of a close-up, at least and at most."""
-TILE = 224
-"""px: the side of one object on a sheet of several."""
-MARGIN = 0.25
-"""Around an object, as a share of its longer side."""
-SURROUNDINGS_LIGHT = 0.4
-"""Share of their light that an object's surroundings keep."""
-INK = (255, 0, 255)
-"""RGB of outlines and numbers: hardly any object is magenta."""
+
+
+@dataclass(frozen=True)
+class PromptConstants:
+    """Constants of names, answers and pictures."""
+
+    name: int = 48
+    """Characters of a name."""
+    densest: float = 23.0
+    """g/cm³: osmium, the densest element (CRC)."""
+    photo: int = 1024
+    """px: the longer side of a whole photo, at most."""
+    closeup: tuple[int, int] = (256, 512)
+    """px: the longer side of a close-up, at least and at most."""
+    tile: int = 224
+    """px: the side of one object on a sheet of several."""
+    margin: float = 0.25
+    """Around an object, as a share of its longer side."""
+    surroundings: float = 0.4
+    """Share of their light that an object's surroundings keep."""
+    ink: tuple[int, int, int] = (255, 0, 255)
+    """RGB of outlines and numbers: hardly any object is magenta."""
+
+
+PROMPT = PromptConstants()
 
 CATEGORIES_SCHEMA = object_schema(
     categories={
@@ -105,7 +115,7 @@ def categories_query(rgb: Rgb) -> Query:
         named = any(clean_name(one["noun"]) for one in answer["categories"])
         return [] if named else ["categories: none has a noun"]
 
-    picture = _png(_resized(rgb, 0, PHOTO_SIDE))
+    picture = _png(_resized(rgb, 0, PROMPT.photo))
     return Query("the photo", CATEGORIES_QUESTION, (picture,), CATEGORIES_SCHEMA, contradictions)
 
 
@@ -137,12 +147,12 @@ def _numbered_once(n: int) -> Callable[[Any], list[str]]:
 
 def physics_query(rgb: Rgb, mask: Mask, item: PhotoObject, pixels_per_meter: float | None) -> Query:
     """Material, mass and size of one object."""
-    name = plain_line(item.label, LONGEST_NAME)
+    name = plain_line(item.label, PROMPT.name)
     label = f', "{name}",' if name else ""
     hint = ""
     if pixels_per_meter is not None and not item.cut:
         hint = f"; by the photo's scale it is about {box_sides(item.outline)[0] / pixels_per_meter:.2g}"
-    pictures = _outlined_photo(rgb, {item.id: mask}), _png(_closeup(rgb, mask, *CLOSEUP_SIDES))
+    pictures = _outlined_photo(rgb, {item.id: mask}), _png(_closeup(rgb, mask, *PROMPT.closeup))
     text = PHYSICS_QUESTION.format(label=label, hint=hint)
     return Query(name or "an object", text, pictures, PHYSICS_SCHEMA, mass_contradictions)
 
@@ -150,7 +160,7 @@ def physics_query(rgb: Rgb, mask: Mask, item: PhotoObject, pixels_per_meter: flo
 def mass_contradictions(answer: Mapping[str, Any]) -> list[str]:
     """A fault where the mass is more than that of a cube of the densest element with the longest side."""
     size, mass = answer["size"], answer["mass"]
-    if mass <= DENSEST * (100 * size) ** 3:
+    if mass <= PROMPT.densest * (100 * size) ** 3:
         return []
     return [f"mass: an object whose longest side is {size:g} m cannot weigh {mass:g} g"]
 
@@ -161,7 +171,7 @@ def clean_name(text: str) -> str:
     >>> clean_name(' A "Tennis ball." ')
     'tennis ball'
     """
-    line = plain_line(text, LONGEST_NAME).lower().strip(NAME_EDGES)
+    line = plain_line(text, PROMPT.name).lower().strip(NAME_EDGES)
     for article in ("a ", "an ", "the "):
         line = line.removeprefix(article).strip(NAME_EDGES)
     return line
@@ -176,7 +186,7 @@ def median_lab(rgb: Rgb, mask: Mask) -> NDArray[np.float64]:
 
 def _outlined_photo(rgb: Rgb, masks: Mapping[int, Mask]) -> bytes:
     """The photo with each object outlined, and numbered with its key where there are several."""
-    picture = _resized(rgb, 0, PHOTO_SIDE).copy()
+    picture = _resized(rgb, 0, PROMPT.photo).copy()
     for number, mask in masks.items():
         fitted = _fitted(mask, picture)
         _draw_outline(picture, fitted)
@@ -188,10 +198,10 @@ def _outlined_photo(rgb: Rgb, masks: Mapping[int, Mask]) -> bytes:
 def _sheet(rgb: Rgb, masks: Mapping[int, Mask]) -> bytes:
     """Close-ups of several objects side by side, each with its number in the corner."""
     across = ceil(sqrt(len(masks)))
-    canvas = np.full((ceil(len(masks) / across) * TILE, across * TILE, 3), 255, np.uint8)
+    canvas = np.full((ceil(len(masks) / across) * PROMPT.tile, across * PROMPT.tile, 3), 255, np.uint8)
     for k, (number, mask) in enumerate(masks.items()):
-        picture = _closeup(rgb, mask, TILE, TILE)
-        y, x = k // across * TILE, k % across * TILE
+        picture = _closeup(rgb, mask, PROMPT.tile, PROMPT.tile)
+        y, x = k // across * PROMPT.tile, k % across * PROMPT.tile
         tall, wide = picture.shape[:2]
         canvas[y : y + tall, x : x + wide] = picture
         _draw_number(canvas, number, (x + 18, y + 18))
@@ -204,12 +214,12 @@ def _closeup(rgb: Rgb, mask: Mask, least: int, most: int) -> Rgb:
     if not len(rows):  # the object lies outside the photo
         return _resized(rgb, least, most)
     (y0, y1), (x0, x1) = ((int(line[0]), int(line[-1]) + 1) for line in (rows, columns))
-    margin = max(ceil(MARGIN * max(y1 - y0, x1 - x0)), 8)
+    margin = max(ceil(PROMPT.margin * max(y1 - y0, x1 - x0)), 8)
     y0, x0 = max(y0 - margin, 0), max(x0 - margin, 0)
     part, inside = rgb[y0 : y1 + margin, x0 : x1 + margin], mask[y0 : y1 + margin, x0 : x1 + margin]
     picture = _resized(np.ascontiguousarray(part), least, most).copy()
     fitted = _fitted(inside, picture)
-    picture[~fitted] = (picture[~fitted] * SURROUNDINGS_LIGHT).astype(np.uint8)
+    picture[~fitted] = (picture[~fitted] * PROMPT.surroundings).astype(np.uint8)
     _draw_outline(picture, fitted)
     return picture
 
@@ -236,7 +246,7 @@ def _fitted(mask: Mask, picture: Rgb) -> Mask:
 def _draw_outline(picture: Rgb, mask: Mask) -> None:
     """An outline around the mask, outside of it so that the object is not covered."""
     wide = cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
-    picture[wide & ~mask] = INK
+    picture[wide & ~mask] = PROMPT.ink
 
 
 def _deepest(mask: Mask) -> tuple[int, int]:
@@ -252,7 +262,7 @@ def _draw_number(picture: Rgb, number: int, center: tuple[int, int]) -> None:
     corner = center[0] - wide // 2, center[1] + tall // 2
     far = corner[0] + wide + 2, corner[1] + 3
     cv2.rectangle(picture, (corner[0] - 3, corner[1] - tall - 3), far, (255, 255, 255), -1)
-    cv2.putText(picture, text, corner, font, size, INK, 2, cv2.LINE_AA)
+    cv2.putText(picture, text, corner, font, size, PROMPT.ink, 2, cv2.LINE_AA)
 
 
 def _png(rgb: Rgb) -> bytes:

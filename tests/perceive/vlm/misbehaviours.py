@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import cv2
 import numpy as np
@@ -26,10 +27,13 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests")]  # run as a script, it finds wha
 import vlm_stub as stub  # noqa: E402
 
 from physgen.cli.main import main  # noqa: E402
+from physgen.perceive.backends import vlm_client  # noqa: E402
+from physgen.perceive.backends.vlm_client import Requests  # noqa: E402
 
 PAGE = ROOT / "docs" / "models.md"
 BEGIN, END = "<!-- tests/perceive/vlm/misbehaviours.py writes from here -->", "<!-- to here -->"
-PATIENCE = "[vlm]\ntimeout = 0.4\nretries = 1\nattempts = 2\n"
+PATIENCE = "[vlm]\ntimeout = 0.4\n"
+TRIES = Requests(attempts=2, retries=1)
 HEAVY = stub.changed(mass=2e6)
 BUSY = stub.status(429, "Rate limit reached", Retry_After="1")
 DOWN = stub.status(503, "The model is loading")
@@ -48,7 +52,6 @@ class Case:
     code: int
     requests: int
     """That the server gets."""
-    fallback: bool = False
 
 
 CASES = (
@@ -72,7 +75,6 @@ CASES = (
     Case("does not know the model", UNKNOWN, 2, 1),
     Case("gives a web page", stub.page, 2, 1),
     Case("is not there", None, 2, 0),
-    Case("503, always, with `--fallback`", DOWN, 0, 2, fallback=True),
 )
 
 
@@ -104,12 +106,13 @@ def play(case: Case, folder: Path) -> Seen:
     config.write_text(PATIENCE)
     scene = folder / "scene.yaml"
     words = ["perceive", str(image), "--masks", str(masks), "--label", "ball-1=ball", "--config", str(config)]
-    words += ["--backend", "physics=vlm", "-o", str(scene), *(["--fallback"] if case.fallback else [])]
+    words += ["--backend", "physics=vlm", "-o", str(scene)]
     told = io.StringIO()
     with stub.Stub(case.act or stub.well) as server:
         url = server.url if case.act else f"http://127.0.0.1:{_closed()}/v1"
         told_to = {"PHYSGEN_VLM_URL": url, "PHYSGEN_VLM_MODEL": "stub", "PHYSGEN_VLM_KEY": stub.KEY}
         with (
+            mock.patch.object(vlm_client, "REQUESTS", TRIES),
             _environment(told_to | {"XDG_CACHE_HOME": str(folder / "cache")}),
             contextlib.redirect_stderr(told),
         ):

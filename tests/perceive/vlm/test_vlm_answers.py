@@ -34,7 +34,7 @@ def test_what_is_plainly_meant_is_taken(text: str):
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        (("72.0", "NaN"), "mass: 'nan' is not of type 'number'"),
+        (("72.0", "NaN"), "mass: 'NaN' is not of type 'number'"),
         (("72.0", "1e999"), "mass: 'inf' is not of type 'number'"),
         (("72.0", '"72 g"'), "mass: '72 g' is not of type 'number'"),
         (("72.0", "true"), "mass: True is not of type 'number'"),

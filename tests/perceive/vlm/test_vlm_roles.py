@@ -227,20 +227,13 @@ def test_waits_for_as_long_as_the_server_asks(vlm_stub: Stub):
     assert run.note()["retries"] == 1
 
 
-def test_costs(vlm_stub: Stub):
-    things = balls((50, 60, 20))
-    run = registry.make("physics", "vlm", Setup(options={"price_in": 2.5, "price_out": 10}))
-    run(drawn(things)[0], things, None)
-    assert run.note()["cost"] == pytest.approx((1000 * 2.5 + 100 * 10) / 1e6)
-
-
 def test_what_is_not_configured_is_told(monkeypatch: pytest.MonkeyPatch, vlm_stub: Stub):
     def told(setup: Setup = Setup()) -> str:  # noqa: B008
         with pytest.raises(InputError) as error:
             registry.make("physics", "vlm", setup)
         return str(error.value)
 
-    wrong = {"samples": 0, "api_key": "sk-x", "timout": 3, "cache": "no", "retries": 1.5}
+    wrong = {"samples": 0, "api_key": "sk-x", "timout": 3, "cache": "no", "parallel": 1.5}
     lines = told(Setup(options=wrong)).splitlines()
     assert len(lines) == 5
     assert any("timout means nothing here; did you mean timeout?" in line for line in lines)
@@ -252,7 +245,6 @@ def test_what_is_not_configured_is_told(monkeypatch: pytest.MonkeyPatch, vlm_stu
     assert "no address; write e.g. http://localhost:8000/v1" in told()
     monkeypatch.delenv("PHYSGEN_VLM_URL")
     assert "set PHYSGEN_VLM_URL and PHYSGEN_VLM_MODEL" in told()
-    assert "physics=vlm:PATH" in told()
 
 
 def test_openais_key_goes_nowhere_that_a_file_says(monkeypatch: pytest.MonkeyPatch, vlm_stub: Stub):
@@ -290,12 +282,11 @@ def test_questions_are_put_at_the_same_time_and_answers_keep_their_order(vlm_stu
 def test_a_server_that_knows_less_is_asked_so_from_then_on(vlm_stub: Stub):
     vlm_stub.act = stubs.demanding
     things = balls((50, 60, 20), (130, 60, 10))
-    run = registry.make("physics", "vlm", Setup(options={"max_tokens": 500, "parallel": 1}))
+    run = registry.make("physics", "vlm", Setup(options={"parallel": 1}))
     assert run(drawn(things)[0], things, None)[2].mass == 72
-    assert len(vlm_stub.requests) == 5  # three refused, then one for each
+    assert len(vlm_stub.requests) == 4  # two refused, then one for each
     last = vlm_stub.requests[-1]
-    assert last["max_completion_tokens"] == 500
-    assert not {"temperature", "seed", "max_tokens"} & set(last)
+    assert not {"temperature", "seed"} & set(last)
     assert "response_format" in last
 
 
@@ -306,7 +297,7 @@ def test_a_failure_breaks_off_what_is_under_way(vlm_stub: Stub):
 
     vlm_stub.act = act
     things = [PhotoObject(k, Disc(np.array([20.0 * k, 60.0]), 8.0), f"ball {k}") for k in range(1, 9)]
-    run = registry.make("physics", "vlm", Setup(options={"timeout": 30, "retries": 0}))
+    run = registry.make("physics", "vlm", Setup(options={"timeout": 30}))
     started = time.monotonic()
     with pytest.raises(InputError, match="refuses the key"):
         run(drawn(things)[0], things, None)
