@@ -6,7 +6,7 @@ farther, normals (H, W, 3) unit with +x right, +y down, +z to the viewer. Confid
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -55,14 +55,6 @@ class Category:
     """Whether its instances are whole objects that could be moved; walls, floors, skies are not."""
 
 
-class Categories(Protocol):
-    """Nouns of what a photo shows, before anything is found in it."""
-
-    def __call__(self, rgb: Rgb) -> Sequence[Category]:
-        """Each noun once; the most striking first."""
-        ...
-
-
 @dataclass(frozen=True)
 class Scenery:
     """What does not move: walls, tables, floors."""
@@ -98,19 +90,6 @@ class PromptedMask:
     """That it is an object with about this outline."""
 
 
-class Segment(Protocol):
-    """Finds the movable objects of a photo.
-
-    Those that search for given nouns take `categories: Sequence[Category]`, too (`uses` in the table). Those that take
-    prompts have `meant(rgb, boxes, points) -> Sequence[PromptedMask]`: the object of each box (left, top, width,
-    height), then of each point (x, y); all lie on the photo.
-    """
-
-    def __call__(self, rgb: Rgb) -> Segments:
-        """Segments the photo."""
-        ...
-
-
 @dataclass(frozen=True)
 class PhotoObject:
     """An object of the photo: its id in the label map, its outline, and its label."""
@@ -121,14 +100,6 @@ class PhotoObject:
     """`""` until it is named."""
     cut: bool = False
     """Whether the photo's border cuts it off."""
-
-
-class Label(Protocol):
-    """Names objects."""
-
-    def __call__(self, rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject], /) -> Mapping[int, Name]:
-        """A name for every object, by id."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -154,16 +125,6 @@ class Matter:
     """As `materials.yaml` or the backend calls it."""
 
 
-class Physics(Protocol):
-    """Gives objects mass, friction and elasticity."""
-
-    def __call__(
-        self, rgb: Rgb, objects: Sequence[PhotoObject], pixels_per_meter: float | None, /
-    ) -> Mapping[int, Matter]:
-        """Matter of every object, by id. `pixels_per_meter` is the photo's true scale, None where it is unknown."""
-        ...
-
-
 @dataclass(frozen=True)
 class LightGuess:
     """The light of a photo."""
@@ -175,24 +136,6 @@ class LightGuess:
     """Lights from elsewhere, and the share 0..1 of this one's explanation that they reach; the best first."""
 
 
-class Depth(Protocol):
-    """Estimates depth."""
-
-    def __call__(self, rgb: Rgb) -> F32:
-        """(H, W), finite, larger = farther; in m where the backend knows, else up to scale and shift."""
-        ...
-
-
-class Normals(Protocol):
-    """Estimates surface normals."""
-
-    def __call__(
-        self, rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject], boundaries: BoundaryGuess, /
-    ) -> F32:
-        """(H, W, 3) unit. `boundaries` has confidence 0 where boundaries are found by normals, later."""
-        ...
-
-
 @dataclass(frozen=True)
 class Intrinsics:
     """Albedo and shading of a photo: light = albedo x shading."""
@@ -201,38 +144,6 @@ class Intrinsics:
     """(H, W, 3) in 0..1, linear."""
     shading: F32
     """(H, W) >= 0, linear."""
-
-
-class Intrinsic(Protocol):
-    """Separates a photo into albedo and shading."""
-
-    def __call__(self, rgb: Rgb, labels: Labels, normals: F32) -> Intrinsics:
-        """`normals` as the role of that name gives them."""
-        ...
-
-
-class Light(Protocol):
-    """Estimates the light."""
-
-    def __call__(
-        self,
-        rgb: Rgb,
-        labels: Labels,
-        objects: Sequence[PhotoObject],
-        normals: F32,
-        intrinsics: Intrinsics,
-        /,
-    ) -> LightGuess:
-        """Never fails: what cannot be seen is guessed with little confidence."""
-        ...
-
-
-class Matte(Protocol):
-    """Turns a label map into coverage."""
-
-    def __call__(self, rgb: Rgb, labels: Labels) -> F32:
-        """(H, W) in 0..1: the share of each pixel that objects cover; 1 deep inside, 0 from 5 px outside on."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -252,32 +163,6 @@ class Shadows:
     """px from the objects back to an upright wall that shadows fall on."""
     confidence: float
     reason: str
-
-
-class Shadow(Protocol):
-    """Finds the shadows that objects cast, and removes them from the background."""
-
-    def __call__(
-        self,
-        background: Rgb,
-        coverage: F32,
-        labels: Labels,
-        objects: Sequence[PhotoObject],
-        matter: Mapping[int, Matter],
-        boundaries: BoundaryGuess,
-        light: LightGuess,
-        /,
-    ) -> Shadows:
-        """`background` has the objects filled and their shadows still there. Never fails."""
-        ...
-
-
-class Inpaint(Protocol):
-    """Continues the background behind objects."""
-
-    def __call__(self, rgb: Rgb, hole: Mask) -> Rgb:
-        """The photo with `hole` (H, W) filled; it equals `rgb` outside the hole."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -310,6 +195,48 @@ class BoundaryGuess:
     """Ids of objects that nothing seen keeps from falling."""
     grip: Mapping[int, float] = field(default_factory=dict)
     """By id, the least friction that objects must have, since they lie still on a slope."""
+
+
+# The roles: what the backends of each are called with, and what they return.
+
+Categories = Callable[[Rgb], Sequence[Category]]
+"""Nouns of what a photo shows, before anything is found in it: each once, the most striking first."""
+
+
+class Segment(Protocol):
+    """Finds the movable objects of a photo.
+
+    Those that search for given nouns take `categories: Sequence[Category]`, too (`uses` in the table). Those that take
+    prompts have `meant(rgb, boxes, points) -> Sequence[PromptedMask]`: the object of each box (left, top, width,
+    height), then of each point (x, y); all lie on the photo.
+    """
+
+    def __call__(self, rgb: Rgb) -> Segments:
+        """Segments the photo."""
+        ...
+
+
+Label = Callable[[Rgb, Labels, Sequence[PhotoObject]], Mapping[int, Name]]
+"""A name for every object, by id."""
+Physics = Callable[[Rgb, Sequence[PhotoObject], float | None], Mapping[int, Matter]]
+"""Matter of every object, by id. The number is the photo's true scale, px/m; None where it is unknown."""
+Depth = Callable[[Rgb], F32]
+"""(H, W), finite, larger = farther; in m where the backend knows, else up to scale and shift."""
+Normals = Callable[[Rgb, Labels, Sequence[PhotoObject], BoundaryGuess], F32]
+"""(H, W, 3) unit. The boundaries have confidence 0 where they are found by normals, later."""
+Intrinsic = Callable[[Rgb, Labels, F32], Intrinsics]
+"""Albedo and shading, from the photo, its labels and its normals."""
+Light = Callable[[Rgb, Labels, Sequence[PhotoObject], F32, Intrinsics], LightGuess]
+"""The light, from normals, albedo and shading. Never fails: what cannot be seen is guessed with little confidence."""
+Matte = Callable[[Rgb, Labels], F32]
+"""(H, W) in 0..1: the share of each pixel that objects cover; 1 deep inside, 0 from 5 px outside on."""
+Inpaint = Callable[[Rgb, Mask], Rgb]
+"""The photo with the hole (H, W) filled; it equals the photo outside the hole."""
+Shadow = Callable[
+    [Rgb, F32, Labels, Sequence[PhotoObject], Mapping[int, Matter], BoundaryGuess, LightGuess], Shadows
+]
+"""Removes shadows from a background that has the objects filled and their shadows still there, by the objects'
+coverage, labels and matter. Never fails."""
 
 
 class Boundary(Protocol):

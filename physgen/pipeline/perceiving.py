@@ -171,22 +171,15 @@ def refresh(
 ) -> str:
     """A scene's photo perceived again -> the new scene's text; writes as `perceive` does. Raises InputError.
 
-    Values of the file stay, its comments do not. Objects with a `prompt` are found again; new `boxes` and `points`
-    replace what they cover, with a warning for objects inside them. Numbers that no user has set follow the labels,
-    those of the file and the new ones of the options.
+    Values that `from` names are written anew, all others stay; comments do not. Objects with a `prompt` are found
+    again; new `boxes` and `points` replace what they cover, with a warning for objects inside them.
     """
-    from physgen import registry
     from physgen.compile.compile import compile_scene
     from physgen.maps import read_percepts
     from physgen.perceive.document import relabel_objects, write_scene
     from physgen.perceive.perceive import fit_objects
     from physgen.perceive.perceive import perceive as run
-    from physgen.perceive.refresh import (
-        find_table_values,
-        layers_set_by_user,
-        merge_documents,
-        start_refresh,
-    )
+    from physgen.perceive.refresh import follows_scale, merge_documents, start_refresh, user_layers
     from physgen.perceive.roles import Name
     from physgen.perceive.scale import DEFAULT_SCALE
     from physgen.perceive.segment.prompts import Segmenter, weak_prompts
@@ -216,38 +209,33 @@ def refresh(
     objects = fit_objects(photo.rgb, begun.found)[0]
     called = {i: name for i, name in begun.found.object_names.items() if name in old["objects"]}
     named, renamed = relabel_objects(objects, options.labels, called)
-    # only values of the table can be separated from those that a user wrote
-    guessed = registry.make("label")(photo.rgb, begun.found.labels, objects)
-    known = {called[item.id]: item for item in objects if item.id in called}
-    table = registry.find("physics").name
-    ours = find_table_values(old, photo.rgb, known, guessed, registry.make("physics"), table)
-    new_labels = {called[item.id]: item.label for item in named if item.id in renamed}
-    names = {**begun.found.names, **{t.id: Name(t.label, 1.0) for t in named if t.id in renamed}}
-    layered = layers_set_by_user(old, kept, {item.name: k for k, item in enumerate(scene.objects, 1)})
-    layer_of = {i: layered[name] for i, name in called.items() if name in layered}
+    labels = begun.found.names
+    before = [replace(item, label=labels[item.id].label) for item in objects if item.id in labels]
+    scaled = follows_scale(old, before, labels)
+    labels = {**labels, **{item.id: Name(item.label, 1.0) for item in named if item.id in renamed}}
+    layers = user_layers(old)
+    layer_of = {i: layers[name] for i, name in called.items() if name in layers}
     per_meter = scene.world.pixels_per_meter
     perceived = run(
         photo.rgb,
-        replace(begun.found, names=names, layers=layer_of),
+        replace(begun.found, names=labels, layers=layer_of),
         crew=crew,
         view=scene.world.view,
-        pixels_per_meter=None if ours.scale or per_meter == DEFAULT_SCALE else per_meter,
+        pixels_per_meter=None if scaled or per_meter == DEFAULT_SCALE else per_meter,
         progress=progress,
     )
-    document = merge_documents(old, perceived.document, begun, ours, new_labels, layered)
-    fresh = {name for name in document["objects"] if name not in {item.name for item in scene.objects}}
-    fresh |= begun.corrected
-    _follow_view(document, old, scene, perceived, kept, photo.rgb, bool(fresh or begun.gone))
+    new_labels = {called[item.id]: item.label for item in named if item.id in renamed}
+    document = merge_documents(old, perceived.document, begun, new_labels, scaled)
+    added = {name for name in document["objects"] if name not in {item.name for item in scene.objects}}
+    changed = bool(added or begun.gone or begun.prompted)
+    _follow_view(document, old, scene, perceived, kept, photo.rgb, changed)
     if maps is not None:
         # whether shadows were removed depends on the scene's own light
         clean = None if maps.clean is None else perceived.percepts.clean
         depth = maps.depth if perceived.percepts.depth is None else perceived.percepts.depth
         perceived = replace(perceived, percepts=replace(perceived.percepts, clean=clean, depth=depth))
-    own = {f"objects.{name}.{key}" for name, keys in ours.keys.items() for key in keys}
-    own |= {f"objects.{name}.layer" for name in document["objects"] if name not in layered}
-    text = path.read_text(encoding="utf-8-sig")
-    comments = _comments(perceived, document, fresh, own, per_meter, ours.scale, text)
-    header = "Perceived again: objects with a prompt were looked for anew, all else is as it was"
+    comments = _comments(perceived, document, path.read_text(encoding="utf-8-sig"))
+    header = "Perceived again: what from names was written anew, all else is as it was"
     perceived = replace(perceived, document=document, comments=comments, header=header)
     image = scene.image if photo.plain else None
     return write_scene(perceived, image, scene.image.stem, output, options.assets, keep)
@@ -283,36 +271,19 @@ def _follow_view(
         document["world"] = {key: value for key, value in document["world"].items() if key != "table"}
 
 
-def _comments(
-    perceived: PerceivedScene,
-    document: dict[str, Any],
-    fresh: set[str],
-    own: set[str],
-    per_meter: float,
-    scaled: bool,
-    text: str,
-) -> dict[str, str]:
-    """Comments of the new file: of values that perception made, by their dotted keys."""
+def _comments(perceived: PerceivedScene, document: dict[str, Any], text: str) -> dict[str, str]:
+    """Comments of the new file: of values that are perception's, by their dotted keys; doubts of the old `text`."""
     from physgen.perceive.document import DOUBTFUL
     from physgen.perceive.refresh import doubtful_lines
-    from physgen.perceive.scale import DEFAULT_SCALE
 
-    def made(key: str) -> bool:
-        if key.startswith("objects."):
-            return key.split(".")[1] in fresh or key in own
-        return _at(document, key) == _at(perceived.document, key)
-
-    comments = {key: text for key, text in perceived.comments.items() if made(key)}
+    comments = {
+        key: comment
+        for key, comment in perceived.comments.items()
+        if _at(document, key) == _at(perceived.document, key)
+    }
     masses = {name: item.get("mass") for name, item in perceived.document["objects"].items()}
     if any(item.get("mass") != masses.get(name) for name, item in document["objects"].items()):
         comments.pop("forces", None)  # the push was computed for other masses
-    scale = perceived.document["world"]["pixels_per_meter"]
-    if scaled:
-        comments["world.pixels_per_meter"] = perceived.comments["world.pixels_per_meter"]
-    elif per_meter == DEFAULT_SCALE and scale != DEFAULT_SCALE:
-        comments["world.pixels_per_meter"] = (
-            f"as it was, for what is set to move; the objects here suggest {scale:g}, which masses go by"
-        )
     lines = doubtful_lines(text, document["objects"])
     if lines and document["objects"]:
         comments[f"objects.{next(iter(document['objects']))}"] = "\n".join([DOUBTFUL, *lines])
