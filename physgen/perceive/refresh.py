@@ -1,8 +1,7 @@
 """Refresh of a scene: its photo is perceived again, and what the user set is kept.
 
 The rule: a value that `from` names is perception's and is written anew; any other is the user's and stays. Labels and
-names stay. Masks stay, but for objects with a prompt. Walls that perception lays under the objects as the file has them
-are perception's own.
+names stay. Masks stay, but for objects with a prompt.
 """
 
 from __future__ import annotations
@@ -17,8 +16,7 @@ import numpy as np
 from physgen.geometry.polygon import Array
 from physgen.geometry.simplify import distances_to_line
 from physgen.materials import kind
-from physgen.perceive.document import wall_entry
-from physgen.perceive.roles import BoundaryGuess, Detections, Labels, Name, PhotoObject, Physics, Rgb
+from physgen.perceive.roles import Detections, Labels, Name, PhotoObject, Physics, Rgb
 from physgen.perceive.scale import DEFAULT_SCALE, MIN_SCALE_CONFIDENCE, photo_scale
 from physgen.perceive.segment.prompts import Box, Point, Segmenter, from_prompts
 from physgen.scene.scene import BoxPrompt, MaskId, Object
@@ -27,12 +25,12 @@ OVERLAP = (0.5, 0.3)
 """Share of the smaller mask, and of the old one, from which a new prompt means an existing object."""
 EQUAL = 0.01
 """Relative difference of equal scales: outlines are written to 0.01 px."""
-NEAR = 0.5
-"""px between walls that are one: outlines of stored masks are a little rounder than those first found."""
 TABLE_KEYS = ("mass", "friction", "elasticity", "rolling")
 """Keys of an object that the table gives."""
 PIXEL_KEYS = ("mask", "shape", "prompt")
 """Keys of an object that follow its pixels."""
+GLIDING = {"friction": 0}
+"""The table that perception writes where it is seen from above."""
 SCALED_SECTIONS = ("forces", "joints", "fields", "camera", "extends", "variants")
 """Sections with numbers in px and s, which the user chose for the scale that the scene had."""
 
@@ -170,11 +168,17 @@ def merge_documents(
             sources = {key: one for key, one in objects[name].get("from", {}).items() if key != "label"}
             objects[name] |= {"label": renamed[name]} | ({"from": sources} if "from" in was else {})
     objects |= {name: now for name, now in new["objects"].items() if name not in old["objects"]}
-    result = {**old, "objects": objects}
-    per_meter = new["world"]["pixels_per_meter"]
-    if scaled and per_meter != old.get("world", {}).get("pixels_per_meter", DEFAULT_SCALE):
-        result["world"] = {**old.get("world", {}), "pixels_per_meter": per_meter}
-    return result
+    world, seen = dict(old.get("world", {})), new["world"]
+    if scaled and seen["pixels_per_meter"] != world.get("pixels_per_meter", DEFAULT_SCALE):
+        world["pixels_per_meter"] = seen["pixels_per_meter"]
+    if "table" not in seen and world.get("table") == GLIDING:  # seen from the side now
+        del world["table"]
+    if "table" in seen and "table" not in world:
+        world["table"] = seen["table"]
+    walls = {name: was for name, was in old.get("boundaries", {}).items() if "from" not in was}
+    fresh = {free_name(name, walls): wall for name, wall in new["boundaries"].items()}
+    result = {**old, "objects": objects} | ({"world": world} if world else {})
+    return result | ({"boundaries": fresh | walls} if fresh or "boundaries" in old else {})
 
 
 def merge_object(was: Entry, now: Entry, prompted: bool = False) -> dict[str, Any]:
@@ -242,33 +246,6 @@ def doubtful_lines(text: str, names: Collection[str]) -> list[str]:
     """Doubtful objects in a scene's comments, to be uncovered, that are not among its objects' `names` yet."""
     found = re.findall(r"^ *# ?(maybe-\d+: \{.*\})\s*$", text, re.MULTILINE)
     return [line for line in found if line.partition(":")[0] not in names]
-
-
-def walls_of_guess(boundaries: Mapping[str, Any], guess: BoundaryGuess) -> set[str]:
-    """Names of a scene's `boundaries` that the guess has too."""
-    own = {wall.name: wall_entry(wall) for wall in guess.walls}
-    return {name for name, was in boundaries.items() if name in own and _same_wall(was, own[name])}
-
-
-def replace_walls(boundaries: Mapping[str, Any], ours: set[str], new: Mapping[str, Any]) -> dict[str, Any]:
-    """The boundaries without `ours` and with the `new` ones, under names that are free."""
-    kept = {name: was for name, was in boundaries.items() if name not in ours}
-    fresh: dict[str, Any] = {}
-    for name, now in new.items():
-        if not any(_same_wall(was, now) for was in kept.values()):
-            fresh[free_name(name, {*kept, *fresh})] = now
-    return {**fresh, **kept}
-
-
-def matching_guess(boundaries: Mapping[str, Any], guesses: Sequence[BoundaryGuess]) -> BoundaryGuess | None:
-    """The guess that most of the boundaries come from; None where none does."""
-    counts = [len(walls_of_guess(boundaries, guess)) for guess in guesses]
-    return guesses[int(np.argmax(counts))] if any(counts) else None
-
-
-def _same_wall(was: Entry, now: Entry) -> bool:
-    alike = all(abs(was.get(key, -1) - now.get(key, -1)) < 1e-6 for key in ("friction", "elasticity"))
-    return alike and wall_distance(was, now) <= NEAR
 
 
 def wall_distance(was: Entry, now: Entry) -> float:

@@ -13,7 +13,6 @@ from physgen.progress import Progress, silent
 if TYPE_CHECKING:
     from physgen.perceive.roles import PerceivedScene
     from physgen.registry import Backends
-    from physgen.scene.scene import Scene
 
 Keep = Callable[[Path], None]
 """Called with the new name of every file that stood in the way and was renamed."""
@@ -226,9 +225,6 @@ def refresh(
     )
     new_labels = {called[item.id]: item.label for item in named if item.id in renamed}
     document = merge_documents(old, perceived.document, begun, new_labels, scaled)
-    added = {name for name in document["objects"] if name not in {item.name for item in scene.objects}}
-    changed = bool(added or begun.gone or begun.prompted)
-    _follow_view(document, old, scene, perceived, kept, photo.rgb, changed)
     if maps is not None:
         # whether shadows were removed depends on the scene's own light
         clean = None if maps.clean is None else perceived.percepts.clean
@@ -239,36 +235,6 @@ def refresh(
     perceived = replace(perceived, document=document, comments=comments, header=header)
     image = scene.image if photo.plain else None
     return write_scene(perceived, image, scene.image.stem, output, options.assets, keep)
-
-
-def _follow_view(
-    document: dict[str, Any],
-    old: dict[str, Any],
-    scene: Scene,
-    perceived: PerceivedScene,
-    kept: Any,
-    rgb: Any,
-    changed: bool,
-) -> None:
-    """Replace the boundaries and the table friction that an earlier perception had guessed, where they changed."""
-    from physgen import registry
-    from physgen.perceive.perceive import fit_objects
-    from physgen.perceive.refresh import matching_guess, replace_walls, walls_of_guess
-    from physgen.perceive.roles import Detections
-    from physgen.scene.scene import View
-
-    walls = old.get("boundaries", {})
-    boundary = registry.make("boundary")
-    before = fit_objects(rgb, Detections(kept, "kept", {}, {}))[0]
-    made = matching_guess(walls, [boundary(rgb, kept, before, view) for view in View])
-    turned = made is not None and made.view is not scene.world.view
-    if made is not None and (turned or changed):
-        guessed = walls_of_guess(walls, made)
-        document["boundaries"] = replace_walls(walls, guessed, perceived.document["boundaries"])
-    if turned and (table := perceived.document["world"].get("table")):
-        document["world"] = {"table": table, **document["world"]}
-    elif turned and document["world"].get("table") == {"friction": 0}:
-        document["world"] = {key: value for key, value in document["world"].items() if key != "table"}
 
 
 def _comments(perceived: PerceivedScene, document: dict[str, Any], text: str) -> dict[str, str]:
