@@ -16,8 +16,6 @@ from physgen.geometry.raster import coverage
 from physgen.perceive.roles import Detections, Name
 from physgen.problems import InputError, Place, Problem
 
-MOST_OBJECTS = 10_000
-MOST_BYTES = 256 * 2**20
 Mask = NDArray[np.bool_]
 
 
@@ -28,7 +26,8 @@ class CocoImage:
     file: Path
     """Its name in the file, resolved beside the file."""
     annotations: tuple[Mapping[str, Any], ...]
-    categories: Mapping[Any, str]
+    categories: Mapping[str, str]
+    """By id, as text."""
     crowds: tuple[Mapping[str, Any], ...] = ()
     """Annotations of crowds: regions in which objects are not separated."""
     size: tuple[int, int] | None = None
@@ -36,29 +35,25 @@ class CocoImage:
 
     def label(self, annotation: Mapping[str, Any]) -> str:
         """The name of its category; empty where it has none."""
-        return self.categories.get(_key(annotation.get("category_id")), "")
+        return self.categories.get(str(annotation.get("category_id")), "")
 
 
 def coco_photos(path: Path) -> list[CocoImage]:
     """Every photo of a COCO file, in its order, those without objects too. Raises InputError: unreadable, no photos."""
     annotations, images, categories = _lists(path)
     if not images:
-        raise InputError.of(
-            str(path), "", "names no photos", "give a COCO instances file with a list of images"
-        )
-    own: dict[str, list[Mapping[str, Any]]] = {}
-    for annotation in annotations:
-        own.setdefault(repr(annotation.get("image_id")), []).append(annotation)
+        fix = "give a COCO instances file with a list of images"
+        raise InputError.of(str(path), "", "names no photos", fix)
     found = []
     for image in images:
-        mine = own.get(repr(image["id"]), [])
-        parts = (tuple(a for a in mine if bool(a.get("iscrowd")) == crowd) for crowd in (False, True))
-        objects, crowds = parts
-        sides = (image.get("width"), image.get("height"))
-        size = (int(sides[0]), int(sides[1])) if all(isinstance(s, int) for s in sides) else None  # type: ignore[arg-type]
-        found.append(
-            CocoImage(path.parent / str(image.get("file_name", "")), objects, categories, crowds, size)
+        mine = [one for one in annotations if one.get("image_id") == image["id"]]
+        objects, crowds = (
+            tuple(a for a in mine if bool(a.get("iscrowd")) == crowd) for crowd in (False, True)
         )
+        width, height = image.get("width"), image.get("height")
+        size = (width, height) if isinstance(width, int) and isinstance(height, int) else None
+        file = path.parent / str(image.get("file_name", ""))
+        found.append(CocoImage(file, objects, categories, crowds, size))
     names = [one.file for one in found]
     twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
     if twice:
@@ -68,50 +63,39 @@ def coco_photos(path: Path) -> list[CocoImage]:
 
 def read_coco(path: Path, image: Path | None = None) -> CocoImage:
     """The photo called as `image`, or the only one. Raises InputError: unreadable, no such photo, nothing annotated."""
-    annotations, images, categories = _lists(path)
-    named = {Path(str(i.get("file_name", ""))).name: i for i in images}
-    if image is not None and image.name in named:
-        chosen = named[image.name]
-    elif len(images) == 1:
-        chosen = images[0]
-    elif not images and len({str(a.get("image_id")) for a in annotations}) <= 1 and image is not None:
-        chosen = {"id": annotations[0].get("image_id") if annotations else None, "file_name": image.name}
+    if image is not None and not _lists(path)[1]:  # the results format: annotations of one photo alone
+        annotations, _, categories = _lists(path)
+        photos = [CocoImage(path.parent / image.name, tuple(annotations), categories)]
     else:
-        wanted = f'"{image.name}"' if image is not None else f"{len(images)} photos"
-        known = ", ".join(list(named)[:5]) + (", ..." if len(named) > 5 else "")
+        photos = coco_photos(path)
+    named = [photo for photo in photos if image is not None and photo.file.name == image.name]
+    if not named and len(photos) > 1:
+        wanted = f'"{image.name}"' if image is not None else f"{len(photos)} photos"
+        known = ", ".join(photo.file.name for photo in photos[:5]) + (", ..." if len(photos) > 5 else "")
         expected = "is not among its photos" if image is not None else "are in it and none was named"
-        raise InputError.of(
-            str(path), wanted, expected, f"it has {known}" if known else "name a photo with --image"
-        )
-    own = tuple(a for a in annotations if a.get("image_id") == chosen["id"] and not a.get("iscrowd"))
-    if not own:
-        name = chosen.get("file_name", chosen["id"])
-        raise InputError.of(
-            str(path), f'"{name}"', "has no annotated object", "annotate one, or take another photo"
-        )
-    return CocoImage(path.parent / str(chosen.get("file_name", "")), own, categories)
+        raise InputError.of(str(path), wanted, expected, f"it has {known}")
+    chosen = (named or photos)[0]
+    if not chosen.annotations:
+        fix = "annotate one, or take another photo"
+        raise InputError.of(str(path), f'"{chosen.file.name}"', "has no annotated object", fix)
+    return chosen
 
 
-def _lists(path: Path) -> tuple[list[Mapping[str, Any]], list[Mapping[str, Any]], dict[Any, str]]:
+def _lists(path: Path) -> tuple[list[Mapping[str, Any]], list[Mapping[str, Any]], dict[str, str]]:
     """Annotations, images and categories' names of a COCO file. Raises InputError."""
     data = _read(path)
-    if isinstance(data, list):  # the results format: annotations alone
+    if isinstance(data, list):
         data = {"annotations": data}
     if not isinstance(data, dict) or not isinstance(data.get("annotations"), list):
         raise InputError.of(str(path), "", "has no list of annotations", "give a COCO instances file")
-    for key in ("images", "categories"):
+    lists: list[list[Mapping[str, Any]]] = []
+    for key in ("annotations", "images", "categories"):
         if not isinstance(data.get(key) or [], list):
             raise InputError.of(str(path), f'"{key}"', "is not a list", "export the file again")
-    annotations: list[Mapping[str, Any]] = [a for a in data["annotations"] if isinstance(a, dict)]
-    images: list[Mapping[str, Any]] = [
-        i for i in data.get("images") or [] if isinstance(i, dict) and "id" in i
-    ]
-    categories = {
-        c["id"]: str(c.get("name", ""))
-        for c in data.get("categories") or []
-        if isinstance(c, dict) and _plain(c.get("id"))
-    }
-    return annotations, images, categories
+        lists.append([one for one in data.get(key) or [] if isinstance(one, dict)])
+    annotations, images, categories = lists
+    names = {str(one.get("id")): str(one.get("name", "")) for one in categories}
+    return annotations, [one for one in images if "id" in one], names
 
 
 def coco_objects(path: Path, coco: CocoImage, size: tuple[int, int]) -> Detections:
@@ -119,10 +103,6 @@ def coco_objects(path: Path, coco: CocoImage, size: tuple[int, int]) -> Detectio
 
     COCO measures from the photo's corner, where pixel i covers i to i + 1; ours covers i - 0.5 to i + 0.5.
     """
-    if len(coco.annotations) > MOST_OBJECTS:
-        found = f"{len(coco.annotations):,} objects"
-        fix = f"keep at most {MOST_OBJECTS:,}"
-        raise InputError.of(str(path), found, "on one photo are more than a scene holds", fix)
     masks: list[tuple[int, NDArray[np.uint8], Name]] = []
     problems = []
     for number, annotation in enumerate(coco.annotations):
@@ -214,24 +194,9 @@ def uncompressed(text: str | bytes) -> list[int]:
 
 def _read(path: Path) -> Any:
     try:
-        if path.stat().st_size > MOST_BYTES:
-            raise InputError.of(str(path), "", "is over 256 MiB", "cut out the annotations of one photo")
         return json.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
         raise InputError.of(str(path), "", "no such file", "check the path") from None
-    except json.JSONDecodeError as error:
-        raise InputError(
-            [Problem(Place(str(path), error.lineno, error.colno), "", "", f"not JSON: {error.msg}", "")]
-        ) from None
-    except (OSError, UnicodeDecodeError, RecursionError, ValueError):
-        raise InputError.of(
-            str(path), "", "is not a JSON file that can be read", "give a COCO instances file"
-        ) from None
-
-
-def _plain(value: Any) -> bool:
-    return isinstance(value, int | str)
-
-
-def _key(value: Any) -> Any:
-    return value if _plain(value) else None
+    except (OSError, RecursionError, ValueError) as error:
+        reason = str(error).partition("\n")[0][:80]
+        raise InputError.of(str(path), "", f"is no JSON ({reason})", "give a COCO instances file") from None

@@ -8,13 +8,14 @@ multiply, walls have friction 1 and elasticity 0 by default, balls turn as discs
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from math import inf, isfinite, ulp
+from math import inf, ulp
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jsonschema import Draft202012Validator, ValidationError
 from numpy.typing import NDArray
 
 from physgen import registry
@@ -41,9 +42,9 @@ from physgen.photometry import decode as linear_light
 from physgen.photometry import fit_light
 from physgen.photos import read_image
 from physgen.problems import InputError, Place, Problem, Severity
-from physgen.scene.document import Node, Source, decode, read
+from physgen.scene.document import Node, Source, children, decode, plain, read
 from physgen.scene.scene import View
-from physgen.text import shown
+from physgen.text import dotted, shown
 
 F32 = NDArray[np.float32]
 Vector = tuple[float, float]
@@ -52,28 +53,63 @@ STEP = 1 / 60
 """s, of that code's simulation."""
 LEAST_SPREAD = 0.06
 """Of normals that determine a light; the flat fronts of blocks do not."""
-POSITIVE = ulp(0.0)
-Numbers = Mapping[str, tuple[float | None, float, float, str]]
-"""Key: default, least and greatest value, and both in words."""
-SETTINGS: Numbers = {
-    "gravity": (980.0, 0, inf, "0 or more, in px/s² down"),
-    "num_steps": (120, 1, 216_000, "a count of steps from 1 to 216000"),
-    "animation_frames": (16, 1, 100_000, "a count of frames from 1"),
-    "ground_friction": (1.0, 0, 10, "from 0 to 10"),
-    "ground_elasticity": (0.0, 0, 1, "from 0 to 1"),
-    "denoise_strength": (None, 0, 1, "from 0 to 1"),
+
+
+def _number(least: float, most: float, words: str) -> dict[str, Any]:
+    return {"type": ["number", "null"], "minimum": least, "maximum": most, "description": words}
+
+
+SETTINGS: dict[str, tuple[float | None, dict[str, Any]]] = {
+    "gravity": (980.0, _number(0, inf, "0 or more, in px/s² down")),
+    "num_steps": (120, _number(1, 216_000, "a count of steps from 1 to 216000")),
+    "animation_frames": (16, _number(1, 100_000, "a count of frames from 1")),
+    "ground_friction": (1.0, _number(0, 10, "from 0 to 10")),
+    "ground_elasticity": (0.0, _number(0, 1, "from 0 to 1")),
+    "denoise_strength": (None, _number(0, 1, "from 0 to 1")),
 }
-OBJECT_SETTINGS: Numbers = {
-    "mass": (None, POSITIVE, 1e12, "more than 0, in g"),
-    "density": (None, POSITIVE, 1e12, "more than 0, in g/px²"),
-    "friction": (0.5, 0, 10, "from 0 to 10"),
-    "elasticity": (0.5, 0, 1, "from 0 to 1"),
+"""Key: default and schema."""
+OBJECT_SETTINGS: dict[str, tuple[float | None, dict[str, Any]]] = {
+    "mass": (None, _number(ulp(0.0), 1e12, "more than 0, in g")),
+    "density": (None, _number(ulp(0.0), 1e12, "more than 0, in g/px²")),
+    "friction": (0.5, _number(0, 10, "from 0 to 10")),
+    "elasticity": (0.5, _number(0, 1, "from 0 to 1")),
 }
-KEYS = (
-    *SETTINGS, "cat", "size", "display", "save_snapshot", "init_velocity", "init_acc", "edge_list", "obj_info", "seed",
-    "snapshot_dir", "prompt",
-)  # fmt: skip
-"""Keys of that code's configuration."""
+UNUSED = ("cat", "size", "display", "save_snapshot", "seed", "snapshot_dir", "prompt")
+"""Keys of that code's configuration that mean nothing here."""
+_COORDINATE = {"type": "number", "minimum": -1e9, "maximum": 1e9}
+_POINT = {"type": "array", "items": _COORDINATE, "minItems": 2, "maxItems": 2, "description": "[x, y]"}
+_ID = {"pattern": "^[1-9][0-9]{0,4}$", "description": "ids of mask.png"}
+_VECTORS = {"type": ["object", "null"], "propertyNames": _ID, "additionalProperties": _POINT}
+_EDGE = {"type": "array", "items": _POINT, "minItems": 2, "maxItems": 2, "description": "[[x, y], [x, y]]"}
+_OBJECT = {
+    "type": "object",
+    "description": "`key: value`, one a line",
+    "properties": {
+        "primitive": {"enum": ["circle", "polygon"], "description": "circle or polygon"},
+        "label": {},
+        **{key: schema for key, (_, schema) in OBJECT_SETTINGS.items()},
+    },
+}
+SCHEMA: dict[str, Any] = {
+    "type": "object",
+    "required": ["obj_info"],
+    "properties": {
+        "obj_info": {
+            "type": "object",
+            "minProperties": 1,
+            "propertyNames": _ID,
+            "additionalProperties": _OBJECT,
+            "description": "`obj_info:` with an id of mask.png each",
+        },
+        "init_velocity": _VECTORS,
+        "init_acc": _VECTORS,
+        "edge_list": {"type": ["array", "null"], "items": _EDGE, "description": "[[[x, y], [x, y]], ...]"},
+        **{key: schema for key, (_, schema) in SETTINGS.items()},
+        **{key: {} for key in UNUSED},
+    },
+    "description": "`key: value`, one a line",
+}
+"""Of sim.yaml."""
 
 
 @dataclass(frozen=True)
@@ -349,140 +385,73 @@ def _read_array(path: Path, shape: tuple[int, ...]) -> F32 | None:
 def read_sim(path: Path) -> Sim:
     """Raises InputError with every wrong line."""
     root = read(decode(path.read_bytes(), str(path)), Source(str(path), path.parent))
-    return _SimReader().sim(root)
-
-
-class _SimReader:
-    """Collects problems while it reads."""
-
-    def __init__(self) -> None:
-        self.problems: list[Problem] = []
-
-    def sim(self, root: Node) -> Sim:
-        top = self._mapping(root, "")
-        self._check_keys(top, KEYS, "")
-        listed = top.get("obj_info")
-        entries = self._mapping(listed, "obj_info") if listed is not None else {}
-        if not entries:
-            fix = "write `obj_info:` with an id of mask.png each"
-            self._add(listed or root, "obj_info", "", "names no object", fix)
-        entries = {key: node for key, node in entries.items() if self._is_id(key, node)}
-        velocity, push = (self._vectors(top, key, entries) for key in ("init_velocity", "init_acc"))
-        bodies = {}
-        for key, node in entries.items():
-            bodies[int(key)] = self._body(node, f"obj_info.{key}", velocity.get(int(key)), push.get(int(key)))
-        edges, numbers = self._edges(top), self._numbers(top, SETTINGS, "")
-        if errors := [p for p in self.problems if p.severity is Severity.ERROR]:
-            raise InputError(errors)
-        return Sim(**numbers, bodies=bodies, edges=edges, warnings=tuple(self.problems))
-
-    def _body(self, node: Node, path: str, velocity: Vector | None, push: Vector | None) -> Body:
-        entry = self._mapping(node, path)
-        self._check_keys(entry, ("label", "primitive", *OBJECT_SETTINGS), path)
-        primitive = entry["primitive"].value if "primitive" in entry else "polygon"
-        if primitive not in ("circle", "polygon"):
-            expected, fix = "is not a primitive", "write circle or polygon"
-            self._add(entry["primitive"], f"{path}.primitive", shown(primitive), expected, fix)
-        numbers = self._numbers(entry, OBJECT_SETTINGS, path)
-        needed, unit = ("mass", "g") if primitive == "circle" else ("density", "g/px²")
-        if numbers[needed] is None:
-            expected = f"missing, and a {primitive} needs it"
-            self._add(node, f"{path}.{needed}", "", expected, f"write it in {unit}")
-        numbers = {key: 1.0 if value is None else value for key, value in numbers.items()}
-        label = entry["label"].value if "label" in entry else None
+    data = plain(root)
+    problems = [_fault(root, error) for error in Draft202012Validator(SCHEMA).iter_errors(data)]
+    problems += _unknown_keys(root, SCHEMA["properties"], "")
+    for key, node in children(root, "obj_info").items():
+        problems += _unknown_keys(node, _OBJECT["properties"], f"obj_info.{key}")
+    if not problems or all(problem.severity is Severity.WARNING for problem in problems):
+        problems += _contradictions(root, data)
+    if errors := [problem for problem in problems if problem.severity is Severity.ERROR]:
+        raise InputError(errors)
+    velocity, push = (
+        {i: (x, y) for i, (x, y) in (data.get(key) or {}).items()} for key in ("init_velocity", "init_acc")
+    )
+    bodies = {}
+    for key, node in children(root, "obj_info").items():
+        entry = data["obj_info"][key]
+        label, circle = entry.get("label"), entry.get("primitive") == "circle"
+        numbers = _values(entry, OBJECT_SETTINGS, 1.0)
         name = str("object" if label is None else label)[:200]
-        return Body(
-            name, primitive == "circle", place=node.key_place, velocity=velocity, push=push, **numbers
+        body = Body(
+            name, circle, place=node.key_place, velocity=velocity.get(key), push=push.get(key), **numbers
         )
-
-    def _vectors(self, top: dict[str, Node], key: str, entries: dict[str, Node]) -> dict[int, Vector]:
-        node = top.get(key)
-        result: dict[int, Vector] = {}
-        if node is None or node.value is None:
-            return result
-        ids = {int(one): None for one in entries}
-        for name, value in self._mapping(node, key).items():
-            if not self._is_id(name, value):
-                continue
-            if int(name) not in ids:
-                fix = f"it has {', '.join(map(str, ids)) or 'none'}"
-                self._add(value, f"{key}.{name}", name, "is not among obj_info", fix)
-            elif (vector := self._vector(value, f"{key}.{name}")) is not None:
-                result[int(name)] = vector
-        return result
-
-    def _edges(self, top: dict[str, Node]) -> list[tuple[Vector, Vector]]:
-        node = top.get("edge_list")
-        if node is None or node.value is None:
-            return []
-        if not isinstance(node.value, list):
-            fix = "write [[[x, y], [x, y]], ...]"
-            self._add(node, "edge_list", shown(node.value), "is not a list of segments", fix)
-            return []
-        edges = []
-        for k, item in enumerate(node.value):
-            path = f"edge_list[{k}]"
-            ends = item.value if isinstance(item.value, list) else []
-            if len(ends) != 2:
-                fix = "write [[x, y], [x, y]]"
-                self._add(item, path, shown(item.value), "is not a segment of two points", fix)
-                continue
-            a, b = (self._vector(end, path) for end in ends)
-            if a is not None and b is not None:
-                edges.append((a, b))
-        return edges
-
-    def _vector(self, node: Node, path: str) -> Vector | None:
-        numbers: list[Any] = [child.value for child in node.value] if isinstance(node.value, list) else []
-        if len(numbers) == 2 and all(_is_finite(n) and abs(n) <= 1e9 for n in numbers):
-            return numbers[0], numbers[1]
-        self._add(node, path, shown(node.value), "is not two numbers", "write [x, y]")
-        return None
-
-    def _numbers(self, entry: dict[str, Node], known: Numbers, above: str) -> dict[str, Any]:
-        """The value of each known key, its default where it is missing or wrong."""
-        values: dict[str, Any] = {}
-        for key, (default, least, most, wanted) in known.items():
-            values[key] = default
-            node = entry.get(key)
-            if node is None or node.value is None:
-                continue
-            path, value = f"{above}.{key}" if above else key, node.value
-            if not _is_finite(value):
-                self._add(node, path, shown(value), "is not a number", f"write {wanted}")
-                values[key] = 1.0 if default is None else default
-                continue
-            if not least <= value <= most:  # type: ignore[operator]
-                self._add(node, path, shown(value), "is out of range", f"write {wanted}")
-            values[key] = value
-        return values
-
-    def _mapping(self, node: Node, path: str) -> dict[str, Node]:
-        if isinstance(node.value, dict):
-            return node.value
-        if node.value is not None:
-            self._add(node, path, shown(node.value), "is not a mapping", "write `key: value`, one a line")
-        return {}
-
-    def _is_id(self, key: str, node: Node) -> bool:
-        if key.isascii() and key.isdigit() and 1 <= int(key) <= 65535:
-            return True
-        self._add(node, key, f'"{key}"', "is not an id of mask.png", "write a number from 1 to 65535")
-        return False
-
-    def _check_keys(self, entry: dict[str, Node], known: tuple[str, ...], path: str) -> None:
-        """An error for a misspelt key, a warning for an unknown one."""
-        for key, node in entry.items():
-            if key not in known:
-                near = difflib.get_close_matches(key, known, 1, 0.75)
-                severity = Severity.ERROR if near else Severity.WARNING
-                fix = f"did you mean {near[0]}?" if near else "it is ignored"
-                where, expected = f"{path}.{key}" if path else key, "is not a key of sim.yaml"
-                self.problems.append(Problem(node.key_place, where, f'"{key}"', expected, fix, severity))
-
-    def _add(self, node: Node, path: str, found: str, expected: str, fix: str) -> None:
-        self.problems.append(Problem(node.place, path, found, expected, fix))
+        bodies[int(key)] = body
+    edges = [((a[0], a[1]), (b[0], b[1])) for a, b in data.get("edge_list") or []]
+    return Sim(**_values(data, SETTINGS), bodies=bodies, edges=edges, warnings=tuple(problems))
 
 
-def _is_finite(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
+def _values(
+    entry: Mapping[str, Any], known: Mapping[str, tuple[float | None, Any]], missing: float | None = None
+) -> dict[str, Any]:
+    """The value of each known key, its default where the file has none."""
+    defaults = {key: missing if default is None else default for key, (default, _) in known.items()}
+    return {key: default if entry.get(key) is None else entry[key] for key, default in defaults.items()}
+
+
+def _fault(root: Node, error: ValidationError) -> Problem:
+    """The message of a violation of the schema, with its line."""
+    node = root
+    for key in error.absolute_path:
+        node = node.value[key]  # type: ignore[index,call-overload]
+    wanted = str(error.schema.get("description", "a number"))  # type: ignore[union-attr]
+    found = shown(error.instance if error.validator == "pattern" else node.value)
+    expected = "is missing" if error.validator == "required" else "is not what is read here"
+    return Problem(node.place, dotted(tuple(error.absolute_path)), found, expected, f"write {wanted}")
+
+
+def _unknown_keys(node: Node, known: Mapping[str, Any], path: str) -> Iterator[Problem]:
+    """An error for a misspelt key, a warning for an unknown one."""
+    for key, child in children(node).items():
+        if key not in known:
+            near = difflib.get_close_matches(key, known, 1, 0.75)
+            severity = Severity.ERROR if near else Severity.WARNING
+            fix = f"did you mean {near[0]}?" if near else "it is ignored"
+            where, expected = f"{path}.{key}" if path else key, "is not a key of sim.yaml"
+            yield Problem(child.key_place, where, f'"{key}"', expected, fix, severity)
+
+
+def _contradictions(root: Node, data: Mapping[str, Any]) -> Iterator[Problem]:
+    """Velocities of no object, and objects without the number that their primitive needs."""
+    ids = data["obj_info"]
+    for key in ("init_velocity", "init_acc"):
+        for name, node in children(root, key).items():
+            if name not in ids:
+                fix = f"it has {', '.join(ids)}"
+                yield Problem(node.place, f"{key}.{name}", name, "is not among obj_info", fix)
+    for name, node in children(root, "obj_info").items():
+        circle = ids[name].get("primitive") == "circle"
+        needed, unit = ("mass", "g") if circle else ("density", "g/px²")
+        if ids[name].get(needed) is None:
+            expected = f"missing, and a {'circle' if circle else 'polygon'} needs it"
+            yield Problem(node.place, f"obj_info.{name}.{needed}", "", expected, f"write it in {unit}")
