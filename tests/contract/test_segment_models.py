@@ -133,26 +133,6 @@ def test_masks_land_where_the_boxes_are(name, size, tiny):
     run.close()
 
 
-def test_a_mask_in_two_pieces_is_asked_for_again(tiny):
-    name = "grounding-dino+sam"
-    run = registry.make("segment", name, tiny.setup("segment", name))
-    light(run._detector(), [((0.1, 0.1, 0.9, 0.5), "domino", 0.9)])
-    cutter = run._segmenter()
-
-    class Twice(Answering):
-        def __call__(self, **told):
-            answer = super().__call__(**told)
-            if len(self.prompts) == 1:
-                answer.pred_masks[..., 100:140] = -8.0
-            return answer
-
-    Twice(cutter)
-    found = run(photo(300, 400), KINDS)
-    assert len(cutter.model.prompts) == 3
-    assert [name.label for name in found.names.values()] == ["domino", "domino"]
-    run.close()
-
-
 def test_long_lists_are_asked_for_in_several_texts(tiny):
     dino = GroundingDino(tiny.setup("segment", "grounding-dino+sam").weights.split(",")[0], "cpu")
     nouns = [f"toy {a}{b}" for a in "bcdfg" for b in "klmnp"] + ["Ball.", "ball", "?!", "b " * 100]

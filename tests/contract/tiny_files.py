@@ -15,14 +15,6 @@ def _numbers(path: Path, values: np.ndarray) -> Path:
     return path.with_suffix(".npy")
 
 
-def segment(path: Path) -> Path:
-    labels = np.zeros((HEIGHT, WIDTH), np.uint16)
-    y, x = np.mgrid[:HEIGHT, :WIDTH]
-    labels[np.hypot(x - 45, y - 75) <= 20] = 9
-    labels[55:95, 100:130] = 4
-    return _numbers(path, labels)
-
-
 def depth(path: Path) -> Path:
     return _numbers(path, np.mgrid[:HEIGHT, :WIDTH][0][::-1] / 50.0)
 
@@ -38,13 +30,6 @@ def intrinsic(path: Path) -> Path:
     return _numbers(path, np.linspace(1, 3, WIDTH * HEIGHT).reshape(HEIGHT, WIDTH))
 
 
-def matte(path: Path) -> Path:
-    y, x = np.mgrid[:HEIGHT, :WIDTH]
-    cover = np.clip(20.5 - np.hypot(x - 45, y - 75), 0, 1)
-    cover[55:95, 100:130] = 1
-    return _numbers(path, cover)
-
-
 def inpaint(path: Path) -> Path:
     file = path.with_suffix(".png")
     cv2.imwrite(str(file), np.full((HEIGHT, WIDTH, 3), 120, np.uint8))
@@ -52,5 +37,5 @@ def inpaint(path: Path) -> Path:
 
 
 MODELS = {
-    (build.__name__, "file"): build for build in (segment, depth, normals, intrinsic, matte, inpaint)
+    (build.__name__, "file"): build for build in (depth, normals, intrinsic, inpaint)
 }  # fmt: skip

@@ -142,7 +142,11 @@ def test_only_three_files_are_needed(tmp_path: Path):
 @pytest.mark.parametrize(
     ("before", "after", "message"),
     [
-        ("num_steps: 120", "num_steps: many", '4:12: num_steps: "many" is not what is read here; write a count'),
+        (
+            "num_steps: 120",
+            "num_steps: many",
+            '4:12: num_steps: "many" is not what is read here; write a count',
+        ),
         (
             "num_steps: 120",
             "num_step: 120",

@@ -13,9 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.maps import read_labels
 from physgen.perceive import roles
-from physgen.perceive.roles import BoundaryGuess, Intrinsics, Labels, PhotoObject, Rgb, Segments
+from physgen.perceive.roles import BoundaryGuess, Intrinsics, Labels, PhotoObject, Rgb
 from physgen.photometry import decode
 from physgen.photos import read_photo
 from physgen.problems import InputError
@@ -24,17 +23,6 @@ from physgen.registry import Setup
 Map = NDArray[Any]
 ASPECT_TOLERANCE = 0.02
 """Share by which a map's proportions may differ from the photo's."""
-
-
-def segment(setup: Setup) -> roles.Segment:
-    """The backend `segment=file`: a label map, with confidence 1."""
-    labels = _labels(path := _path(setup, "segment"))
-
-    def run(rgb: Rgb) -> Segments:
-        found = _left_to_right(_fit(labels, rgb, path, cv2.INTER_NEAREST_EXACT))
-        return Segments(found, np.ones(int(found.max())))
-
-    return run
 
 
 def depth(setup: Setup) -> roles.Depth:
@@ -105,21 +93,6 @@ def _raised(shading: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.maximum(shading, np.float32(floor))
 
 
-def matte(setup: Setup) -> roles.Matte:
-    """The backend `matte=file`: the covered share of each pixel, rounded to 8 bits."""
-    path = _path(setup, "matte")
-    values = _grey(path, "coverage")
-
-    def run(rgb: Rgb, labels: Labels) -> NDArray[np.float32]:
-        fitted: NDArray[Any] = np.clip(_fit(values, rgb, path), 0, 1)
-        inside = (labels > 0).astype(np.uint8)
-        fitted[cv2.distanceTransform(inside, cv2.DIST_L2, 5) > 4] = 1
-        fitted[cv2.distanceTransform(1 - inside, cv2.DIST_L2, 5) >= 5] = 0
-        return np.asarray(np.rint(fitted * 255) / 255, np.float32)
-
-    return run
-
-
 def inpaint(setup: Setup) -> roles.Inpaint:
     """The backend `inpaint=file`: a background picture, used inside the hole."""
     path = _path(setup, "inpaint")
@@ -154,12 +127,11 @@ def _raw(path: Path, what: str) -> Map:
             return np.asarray(np.load(path, allow_pickle=False))
         stored = np.fromfile(path, np.uint8)
         read = cv2.imdecode(stored, cv2.IMREAD_UNCHANGED) if stored.size else None
-    except (OSError, ValueError, EOFError, cv2.error) as error:
-        kind, how = ("array of numbers", "with numpy.save") if _array(path) else ("picture", "as PNG or .npy")
-        reason = str(error).strip().partition("\n")[0]
-        raise InputError.of(str(path), "", f"is no {kind} ({reason})", f"save {what} {how}") from None
+    except (OSError, ValueError, EOFError, cv2.error):
+        read = None
     if read is None:
-        raise InputError.of(str(path), "", "is no picture", f"save {what} as PNG or .npy")
+        kind, how = ("array of numbers", "with numpy.save") if _array(path) else ("picture", "as PNG or .npy")
+        raise InputError.of(str(path), "", f"is no {kind}", f"save {what} {how}")
     return read[..., [2, 1, 0]] if read.ndim == 3 else read
 
 
@@ -191,50 +163,14 @@ def _grey(path: Path, what: str) -> NDArray[np.float32]:
     return values / np.float32(np.iinfo(raw.dtype).max if whole else 1)
 
 
-def _labels(path: Path) -> Labels:
-    """A label map, its ids numbered 1..N in their own order; 0 = background."""
-    raw = _raw(path, "a label map") if _array(path) else read_labels(path)
-    fix = "save (H, W) whole numbers, 0 = background"
-    if raw.ndim != 2 or not raw.size or raw.dtype.kind not in "iu":
-        raise InputError.of(str(path), f"{raw.shape} {raw.dtype}", "is no label map", fix)
-    if raw.min() < 0:
-        fix = "save whole numbers from 0 on, 0 = background"
-        raise InputError.of(str(path), str(raw.min()), "is no object's id", fix)
-    ids, labels = np.unique(raw, return_inverse=True)
-    labels = labels.reshape(raw.shape) + (ids[0] > 0)
-    if labels.max() > np.iinfo(np.uint16).max:
-        raise InputError.of(
-            str(path), f"{len(ids)} ids", "are too many for a label map", "give each object one id"
-        )
-    return np.asarray(labels, np.uint16)
-
-
-def _left_to_right(labels: Labels) -> Labels:
-    """The same objects, numbered 1..N by centroid."""
-    y, x = np.nonzero(labels)
-    old = labels[y, x]
-    area = np.bincount(old)
-    ids = np.flatnonzero(area)
-    across, down = (np.bincount(old, side)[ids] / area[ids] for side in (x, y))
-    new = np.zeros(int(labels.max()) + 1, np.uint16)
-    new[ids[np.lexsort((down, across))]] = np.arange(1, len(ids) + 1)
-    return np.asarray(new[labels])
-
-
-def _fit(values: Map, rgb: Rgb, path: Path, how: int | None = None) -> Map:
+def _fit(values: Map, rgb: Rgb, path: Path) -> Map:
     """A map in the photo's size."""
     height, width = rgb.shape[:2]
     tall, wide = values.shape[:2]
     if (tall, wide) == (height, width):
         return values
     if abs(wide * height / (tall * width) - 1) > ASPECT_TOLERANCE:
-        found = f"{wide} x {tall} px"
-        raise InputError.of(
-            str(path),
-            found,
-            f"has other proportions than the photo's {width} x {height} px",
-            "save it in the photo's size",
-        )
-    if how is None:
-        how = cv2.INTER_AREA if wide > width else cv2.INTER_LINEAR
+        expected = f"has other proportions than the photo's {width} x {height} px"
+        raise InputError.of(str(path), f"{wide} x {tall} px", expected, "save it in the photo's size")
+    how = cv2.INTER_AREA if wide > width else cv2.INTER_LINEAR
     return np.asarray(cv2.resize(values, (width, height), interpolation=how))

@@ -51,40 +51,41 @@ class Option:
 
     default: Any
     """None: the value in the configuration of the weights."""
-    valid: Callable[[Any], bool]
-    fault: str
-    """For values that are not valid."""
+    kind: type
+    least: float = 0
+    words: tuple[str, ...] = ()
+    """The only values of a text."""
+
+    def fault(self, value: Any) -> str:
+        """What is wrong with a value; empty where it is valid."""
+        if self.words:
+            return "" if as_word(value) in self.words else f"is not one of {', '.join(self.words)}"
+        if self.kind is str:
+            return "" if isinstance(value, str) else "is not text"
+        number = isinstance(value, int | self.kind) and not isinstance(value, bool)
+        if number and self.least <= value < math.inf:
+            return ""
+        return f"is not a {'whole number' if self.kind is int else 'number'} from {self.least:g} on"
 
 
 def whole_number(default: int | None, least: int = 0) -> Option:
     """A whole number from `least` on."""
-    return Option(
-        default,
-        lambda value: isinstance(value, int) and not isinstance(value, bool) and value >= least,
-        f"is not a whole number from {least} on",
-    )
+    return Option(default, int, least)
 
 
 def real_number(default: float | None) -> Option:
     """A finite number >= 0."""
-    return Option(
-        default,
-        lambda value: (
-            isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < math.inf
-        ),
-        "is not a number >= 0",
-    )
+    return Option(default, float)
 
 
 def text_option(default: str) -> Option:
     """Any text."""
-    return Option(default, lambda value: isinstance(value, str), "is not text")
+    return Option(default, str)
 
 
 def one_of(default: str, *others: str) -> Option:
     """One of some words; true and false stand for `on` and `off`, see `as_word`."""
-    words = (default, *others)
-    return Option(default, lambda value: as_word(value) in words, f"is not one of {', '.join(words)}")
+    return Option(default, str, words=(default, *others))
 
 
 def as_word(value: Any) -> Any:
@@ -106,9 +107,9 @@ def read_options(setup: Setup, table: str, known: Mapping[str, Option]) -> dict[
     for key, value in setup.options.items():
         if key not in known:
             found, expected, fix = f'"{key}"', "means nothing here", suggestion(key, known)
-        elif not known[key].valid(value):
+        elif fault := known[key].fault(value):
             default = known[key].default
-            found, expected = repr(value), known[key].fault
+            found, expected = repr(value), fault
             fix = "leave it out" if default is None else f"the default is {default!r}"
         else:
             continue
@@ -125,18 +126,14 @@ def device_of(setup: Setup) -> str:
     'cpu'
     """
     name = setup.device
-    present = {"cpu": True, "cuda": torch.cuda.is_available(), "mps": torch.backends.mps.is_available()}
-    best = next(kind for kind in ("cuda", "mps", "cpu") if present[kind])
-    if name == "auto":
-        return best
+    count = {"cpu": 1, "cuda": torch.cuda.device_count(), "mps": int(torch.backends.mps.is_available())}
+    best = next(kind for kind in ("cuda", "mps", "cpu") if count[kind])
     kind, _, number = name.partition(":")
-    if not present.get(kind, False) or (number and not number.isdigit()):
-        fault = f"is not here: torch {torch.__version__} finds none" if kind in present else "is no device"
+    here = count.get(kind, 0) > (int(number) if number.isdigit() else 0) and (number.isdigit() or not number)
+    if name != "auto" and not here:
+        fault = f"is not here: torch {torch.__version__} finds none" if kind in count else "is no device"
         raise InputError.of("--device", f'"{name}"', fault, f"choose auto or {best}")
-    if kind == "cuda" and number and int(number) >= torch.cuda.device_count():
-        last = torch.cuda.device_count() - 1
-        raise InputError.of("--device", f'"{name}"', "is not here", f"the last one is cuda:{last}")
-    return name
+    return best if name == "auto" else name
 
 
 def dtype_of(setup: Setup, device: str) -> torch.dtype:
@@ -162,20 +159,20 @@ def load_weights(load: Callable[[str], T], weights: str, what: str, flag: Flag =
     or where the memory does not suffice.
     """
 
-    def problem(expected: str, fix: str) -> InputError:
-        return InputError.of(flag.name, f'"{weights}"', expected, fix)
-
     path = Path(weights).expanduser()
     local = path.exists()
     get = f"run hf download {weights}, or write {flag.form}"
-    absent = f"holds the weights of {what} and is not on this machine"
+
+    def problem(expected: str, fix: str = get) -> InputError:
+        return InputError.of(flag.name, f'"{weights}"', expected, fix)
+
     if not local and not HUB_ID.fullmatch(weights):
         fix = f"write {flag.form}, or OWNER/NAME as the hub has it"
         raise problem(f"is not there: the weights of {what}", fix)
+    absent = f"holds the weights of {what} and is not on this machine"
     if not local and _hub_is_offline() and not in_hub_cache(weights):
-        raise problem(f"{absent}, nor can the hub be asked", get)
-    downloaded = path.is_dir() or (not local and in_hub_cache(weights))
-    if downloaded and importlib.util.find_spec("transformers"):
+        raise problem(f"{absent}, nor can the hub be asked")
+    if (local or in_hub_cache(weights)) and importlib.util.find_spec("transformers"):
         from transformers.utils import logging
 
         logging.disable_progress_bar()  # only a download is worth one
@@ -186,16 +183,12 @@ def load_weights(load: Callable[[str], T], weights: str, what: str, flag: Flag =
     except Exception as error:  # libraries raise errors of every type for files that are no model
         lines = [line.strip() for line in str(error).splitlines() if line.strip()]
         cause = f"{type(error).__name__}: {lines[0][:160]}" if lines else type(error).__name__
-        if isinstance(error, torch.cuda.OutOfMemoryError):
-            fix = 'write device = "cpu" in physgen.toml'
-            raise problem(f"does not fit into the GPU: {cause}", fix) from error
         if is_out_of_memory(error):
-            fix = 'choose a smaller model, or write dtype = "bfloat16" in physgen.toml'
+            fix = 'choose a smaller model, or write dtype = "bfloat16" or device = "cpu" in physgen.toml'
             raise problem(f"does not fit into the memory: {cause}", fix) from error
         if not local and isinstance(error, OSError):
-            raise problem(f"{absent} ({cause})", get) from error
-        fix = "fetch it again" if local else f"is it {what}? {get}"
-        raise problem(f"does not load as {what} ({cause})", fix) from error
+            raise problem(f"{absent} ({cause})") from error
+        raise problem(f"does not load as {what} ({cause})", "fetch it again" if local else get) from error
 
 
 def is_out_of_memory(error: BaseException) -> bool:

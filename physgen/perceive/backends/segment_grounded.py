@@ -79,7 +79,7 @@ class Grounded:
             for one, (mask, fit) in zip(found, masks, strict=True)
         )
         size = rgb.shape[0], rgb.shape[1]
-        result = segments(cuts, size, lambda boxes: list(sam.boxes(boxes)), self._threshold)
+        result = segments(cuts, size, self._threshold)
         sam.forget()
         self._counts = {"asked": len(kinds), "boxes": len(found)}
         return result

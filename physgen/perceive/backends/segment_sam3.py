@@ -1,7 +1,6 @@
 """Backend segment=sam3: SAM 3, prompted with one noun after the other.
 
-Its prompts by box need torchvision, so masks in pieces are split without new prompts, and `--box` and `--point` are
-answered as without a model.
+Its prompts by box need torchvision, so `--box` and `--point` are answered as without a model.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from physgen.perceive.backends.categories_everyday import everyday
 from physgen.perceive.backends.models import device_of, dtype_of, free_memory, load_weights, run_note
 from physgen.perceive.backends.segment_grounded import pixels, plain_noun, threshold_of, weights_of
 from physgen.perceive.roles import Category, Rgb, Segments
-from physgen.perceive.segment.masks import DOUBTFUL, Box, Cut, Mask, segments
+from physgen.perceive.segment.masks import DOUBTFUL, Cut, Mask, segments
 from physgen.registry import Setup
 
 NAME = "sam3"
@@ -54,10 +53,7 @@ class Sam3:
         )
         self._counts = {"asked": len(kinds), "masks": len(found)}
 
-        def nothing(boxes: Sequence[Box]) -> list[tuple[Mask, float]]:
-            return [(np.zeros(size, np.bool_), 0.0) for _ in boxes]
-
-        return segments(cuts, size, nothing, self._threshold)
+        return segments(cuts, size, self._threshold)
 
     def note(self) -> Mapping[str, Any]:
         """Device, number type, weights and counts, for the record."""

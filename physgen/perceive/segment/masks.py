@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeVar
@@ -18,9 +18,6 @@ Mask = NDArray[np.bool_]
 T = TypeVar("T", bound=np.generic)
 Box = tuple[float, float, float, float]
 """Left, top, right, bottom px; 0 and the photo's width are its borders."""
-Resegment = Callable[[Sequence[Box]], Sequence[tuple[Mask, float]]]
-"""Boxes to the mask of the object in each, and its expected IoU, 0..1."""
-
 CONFIDENT = 0.25
 """Confidence from which a mask is an object."""
 DOUBTFUL = 0.1
@@ -49,8 +46,6 @@ class CleanUp:
     """Of a mask's largest piece: larger pieces are objects of their own."""
     parts: int = 8
     """Pieces of a mask, at most."""
-    same_piece: float = 0.5
-    """IoU of a piece and the mask segmented anew in its box, below which the piece stays as it is."""
     visible: float = 0.2
     """Share of an object that others in front must leave; less is a heap, seen between its members."""
     rival: float = 0.5
@@ -174,23 +169,13 @@ def parts(mask: Mask) -> list[Mask]:
     return [(pieces == k) & mask for k in order[: CLEANUP.parts]]
 
 
-def split(cuts: Sequence[Cut], resegment: Resegment) -> list[Cut]:
-    """Movable objects in one piece each; the pieces of others are segmented anew by their boxes (paper section 3.1)."""
-    whole: list[Cut] = []
-    pieces: list[Cut] = []
+def split(cuts: Sequence[Cut]) -> list[Cut]:
+    """Movable objects in one piece each (paper section 3.1)."""
+    found: list[Cut] = []
     for cut in cuts:
-        found = parts(cut.piece) if cut.movable else []
-        if len(found) > 1:
-            pieces += [cut.with_piece(part) for part in found]
-        else:
-            whole.append(cut)
-    answers = resegment([part.window for part in pieces]) if pieces else []
-    for part, (mask, fit) in zip(pieces, answers, strict=True):
-        answer = Cut.of(smoothed(mask), part.noun, part.movable, part.score, fit)
-        ones = [answer.with_piece(one) for one in parts(answer.piece)]
-        better = max(ones, key=lambda one: _shared(one, part), default=part)
-        whole.append(better if _union(part, better) >= CLEANUP.same_piece else part)
-    return whole
+        pieces = parts(cut.piece) if cut.movable else []
+        found += [cut.with_piece(part) for part in pieces] if len(pieces) > 1 else [cut]
+    return found
 
 
 def distinct(cuts: Sequence[Cut]) -> list[Cut]:
@@ -226,9 +211,7 @@ def resolved(cuts: Sequence[Cut]) -> list[Cut]:
         del rest[int(np.argmin(shares))]
 
 
-def segments(
-    cuts: Iterable[Cut], size: tuple[int, int], resegment: Resegment, confident: float = CONFIDENT
-) -> Segments:
+def segments(cuts: Iterable[Cut], size: tuple[int, int], confident: float = CONFIDENT) -> Segments:
     """Segments from overlapping cuts: cleaned, split, without duplicates or overlaps; `size` is the photo's (H, W).
 
     `cuts` may be a generator. Ids run left to right by centroid. Cuts below `confident` are doubtful; cuts that are not
@@ -236,8 +219,7 @@ def segments(
     """
     least = max(CLEANUP.least_share * size[0] * size[1], CLEANUP.least_area)
     smooth = [cut.with_piece(smoothed(cut.piece)) for cut in cuts if cut.confidence >= DOUBTFUL]
-    whole = split(smooth, resegment)
-    cuts = distinct([cut for cut in whole if cut.area >= least and cut.confidence >= DOUBTFUL])
+    cuts = distinct([cut for cut in split(smooth) if cut.area >= least and cut.confidence >= DOUBTFUL])
     objects = resolved([cut for cut in cuts if cut.movable and cut.confidence >= confident])
     objects = [cut for cut in objects if cut.area >= least]
     objects.sort(key=lambda cut: cut.centroid)
