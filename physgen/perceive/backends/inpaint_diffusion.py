@@ -6,7 +6,6 @@ The same photo, weights and options give the same bytes on one machine: the nois
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -32,15 +31,12 @@ from physgen.registry import Setup, find
 Mask = NDArray[np.bool_]
 OPTIONS: dict[str, Option] = {
     "prompt": text_option(""),
-    "negative": text_option(""),
     "seed": whole_number(0),
     "steps": whole_number(None, 1),
     "guidance": real_number(None),
     "resolution": whole_number(None, 64),
 }
 """`[diffusion]` of physgen.toml; `resolution`: side in px of the model's pictures, by default that of the weights."""
-TRIES = 3
-"""Seeds to try where the weights' safety checker withholds a picture."""
 
 
 class Diffusion(ModelBackend):
@@ -54,8 +50,6 @@ class Diffusion(ModelBackend):
     def _load(self, weights: str) -> Any:
         pipe = load_pipeline(AutoPipelineForInpainting, weights, self._device, self._dtype)
         self._options["resolution"] = self._options["resolution"] or _native(pipe)
-        if self._options["guidance"] is None and _guidance_is_void(pipe, self._options):
-            self._options["guidance"] = 1.0  # without guidance the picture is the same and costs half
         return pipe
 
     def __call__(self, rgb: Rgb, hole: Mask) -> Rgb:
@@ -63,7 +57,6 @@ class Diffusion(ModelBackend):
         if not hole.any():
             return rgb.copy()
         pipe = self._model
-        self._options.pop("withheld", None)
         return inpaint_windows(
             rgb, hole, lambda part, wanted: self._paint(pipe, part, wanted), self._options["resolution"]
         )
@@ -73,7 +66,6 @@ class Diffusion(ModelBackend):
         takes = inspect.signature(type(pipe).__call__).parameters
         known = {
             "prompt": self._options["prompt"],
-            "negative_prompt": self._options["negative"] or None,
             "num_inference_steps": self._options["steps"],
             "guidance_scale": self._options["guidance"],
             "strength": 1.0,  # nothing of the objects is kept
@@ -86,31 +78,27 @@ class Diffusion(ModelBackend):
         small, mask = resize_window(rgb, wanted, (height, width))
         arguments = self._arguments(pipe)
         where = Image.fromarray(mask.astype(np.uint8) * 255)
-        for k in range(TRIES):
-            generator = torch.Generator("cpu").manual_seed(self._options["seed"] + k)
-            with torch.inference_mode():
-                found = pipe(
-                    image=Image.fromarray(small),
-                    mask_image=where,
-                    height=height,
-                    width=width,
-                    generator=generator,
-                    output_type="np",
-                    **arguments,
-                )
-            if not any(getattr(found, "nsfw_content_detected", None) or ()):
-                picture = np.asarray(found.images[0], np.float32)
-                if not np.isfinite(picture).all():
-                    dtype = str(self._dtype).removeprefix("torch.")
-                    raise InputError.of("--dtype", dtype, "paints no finite colours", "write --dtype float32")
-                small = np.rint(np.clip(picture, 0, 1) * 255).astype(np.uint8)
-                return resize_picture(small, (rgb.shape[0], rgb.shape[1]))
-            self._options["withheld"] = self._options.get("withheld", 0) + 1
-        raise InputError.of(
-            "physgen.toml",
-            f"diffusion.seed: {self._options['seed']}",
-            f"and the {TRIES - 1} after it paint what the weights' safety checker withholds",
-            "choose another seed or prompt, or inpaint=fill",
+        generator = torch.Generator("cpu").manual_seed(self._options["seed"])
+        with torch.inference_mode():
+            found = pipe(
+                image=Image.fromarray(small),
+                mask_image=where,
+                height=height,
+                width=width,
+                generator=generator,
+                output_type="np",
+                **arguments,
+            )
+        if any(getattr(found, "nsfw_content_detected", None) or ()):
+            seed = f"diffusion.seed: {self._options['seed']}"
+            fix = "choose another seed or prompt, or inpaint=fill"
+            raise InputError.of("physgen.toml", seed, "is withheld by the weights' safety checker", fix)
+        picture = np.asarray(found.images[0], np.float32)
+        if not np.isfinite(picture).all():
+            dtype = str(self._dtype).removeprefix("torch.")
+            raise InputError.of("--dtype", dtype, "paints no finite colours", "write --dtype float32")
+        return resize_picture(
+            np.rint(np.clip(picture, 0, 1) * 255).astype(np.uint8), (rgb.shape[0], rgb.shape[1])
         )
 
 
@@ -124,9 +112,3 @@ def _native(pipe: Any) -> int:
     side = network.config.sample_size if network is not None else getattr(pipe, "default_sample_size", 128)
     side = side if isinstance(side, int) else max(side)
     return side * int(getattr(pipe, "vae_scale_factor", 8))
-
-
-def _guidance_is_void(pipe: Any, options: Mapping[str, Any]) -> bool:
-    """Whether guidance would compare two empty prompts that the model encodes alike."""
-    alike = getattr(pipe, "unet", None) is not None and not pipe.config.get("force_zeros_for_empty_prompt")
-    return alike and not options["prompt"] and not options["negative"]
