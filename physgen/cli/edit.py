@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import json
 import re
 import sys
-from collections.abc import Callable
 from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
@@ -33,24 +33,29 @@ def edit(options: argparse.Namespace) -> int:
     if options.output.exists() and not options.output.is_dir():
         raise InputError.of(str(options.output), "", "is a file", "name a folder with -o")
     scene = _scene(options)
-    from physgen.edit.app import Editor, Place, invited
-    from physgen.edit.draft import running_at
+    from physgen.edit.app import Editor, Place
+    from physgen.edit.draft import BusyError
 
-    if (address := running_at(scene)) is not None:
-        print_error(f"{scene}: is open in an editor already, which is shown")
-        _show(options, scene, address, lambda: invited(address))
-        return OK
-    editor = Editor(scene, Place(options.host, options.port), options.allow_outside, options.output)
+    place = Place(options.host, options.port)
     try:
-        if (strange := editor.session.document.draft.set_aside) is not None:
-            print_error(f"{strange}: is a draft of another folder or version, and is left alone")
+        editor = Editor(scene, place, options.allow_outside, options.output)
+    except BusyError as busy:
+        print_error(f"{scene}: is open in an editor already, at this address")
+        _print_address(options, scene, busy.address)
+        return OK
+    try:
         if editor.session.recovered:
             print_error(f"{scene}: goes on where the editor ended before it was saved")
         if options.host not in ("127.0.0.1", "::1", "localhost"):
             print_error(
                 f"--host {options.host}: whoever reaches this machine and has the address can edit the scene"
             )
-        _show(options, scene, editor.address, editor.once)
+        _print_address(options, scene, editor.address)
+        if options.browser:
+            import threading
+            import webbrowser
+
+            threading.Thread(target=webbrowser.open, args=(editor.once(),), daemon=True).start()
         if sys.stderr.isatty():
             print_error("Ctrl-C ends it")
         with suppress(KeyboardInterrupt):
@@ -96,19 +101,9 @@ def _check_scene(path: Path) -> None:
     if draft_folder(path).exists():
         return  # what was made of it before is there
     text = decode(scene_bytes(path, str(path)), str(path))
-    if SIGNS.search(text) is None or (path.suffix.lower() not in SCENES and not _is_mapping(text)):
+    if SIGNS.search(text) is None or path.suffix.lower() not in SCENES:
         fix = "name a scene, which has `physgen: 1` in it, or a photo to make one of"
         raise InputError.of(str(path), "", "is neither a scene nor a photo", fix)
-
-
-def _is_mapping(text: str) -> bool:
-    """Whether it is YAML of keys and values; a page that shows a scene is not."""
-    import yaml
-
-    try:
-        return isinstance(yaml.compose(text, Loader=yaml.SafeLoader), yaml.MappingNode)
-    except (yaml.YAMLError, RecursionError):
-        return False
 
 
 def _is_picture(path: Path) -> bool:
@@ -121,19 +116,8 @@ def _is_picture(path: Path) -> bool:
     )
 
 
-def _show(options: argparse.Namespace, scene: Path, address: str, once: Callable[[], str]) -> None:
-    """Prints the address; the browser gets one that can be used `once`."""
-    if options.json:
-        import json
-
-        print_line(json.dumps({"scene": str(scene), "address": address}))
-    else:
-        print_line(address)
-    if options.browser:
-        import threading
-        import webbrowser
-
-        threading.Thread(target=webbrowser.open, args=(once(),), daemon=True).start()
+def _print_address(options: argparse.Namespace, scene: Path, address: str) -> None:
+    print_line(json.dumps({"scene": str(scene), "address": address}) if options.json else address)
 
 
 def add(parser: Parser) -> None:

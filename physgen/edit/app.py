@@ -1,38 +1,36 @@
-"""The editor's server: the application, its page and static files, and the socket it listens at."""
+"""The editor's server: the application, its page, the checks of all requests, and the socket it listens at.
+
+A page of another site can make a browser send requests here, and can point its own host name at this machine. Host
+and origin are therefore compared with those that are served, and everything that reads or changes the scene needs
+the token.
+"""
 
 from __future__ import annotations
 
-import json
+import ipaddress
 import re
 import secrets
 import socket
-from contextlib import suppress
-from dataclasses import dataclass, replace
-from functools import cache
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from urllib.request import Request as UrlRequest
-from urllib.request import urlopen
 
 import uvicorn
 from fastapi import FastAPI
 from fastapi.exceptions import RequestValidationError
+from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import RedirectResponse, Response
+from starlette.responses import JSONResponse, RedirectResponse, Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from physgen import __version__
-from physgen.edit.api import ERRORS, JsonAnswer, Served, Services, api, with_addresses
-from physgen.edit.draft import running_at
+from physgen.edit.api import TOKEN, Events, Served, Services, api
 from physgen.edit.errors import EditError, Why
-from physgen.edit.events import Windows
-from physgen.edit.guard import TOKEN, Guard, Keys
 from physgen.edit.render_job import RenderJob
 from physgen.edit.session import Session
 from physgen.files import resource
 from physgen.problems import InputError
-
-__all__ = ["Editor", "Place", "invited", "running_at"]
 
 PLAYER = ("motion", "clock", "scene", "balls", "touch", "units", "quantities", "layers")
 """Scripts of the report's player without its charts and page, joined in this order."""
@@ -58,7 +56,6 @@ def application(services: Services) -> FastAPI:
         docs_url=None,
         redoc_url=None,
         redirect_slashes=False,
-        responses=ERRORS,
         exception_handlers={
             EditError: _edit_error,
             InputError: _input_error,
@@ -77,9 +74,18 @@ def application(services: Services) -> FastAPI:
 
 def page(served: Served, once: str | None = None) -> Response:
     """The page, which holds nothing of the scene. A one-time key is exchanged for the token."""
-    if once is not None and served.keys.use(once):
+    if once is not None and once in served.once:
+        served.once.discard(once)
         return RedirectResponse(f"/?token={served.token}", 303)
-    return Response(_page(), media_type="text/html; charset=utf-8")
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(resource("templates")),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return Response(environment.get_template("edit.html.j2").render(), media_type="text/html; charset=utf-8")
 
 
 def static(name: str) -> Response:
@@ -112,29 +118,16 @@ def _read(*parts: str) -> bytes:
     return path.read_bytes()
 
 
-@cache
-def _environment() -> Any:
-    import jinja2
-
-    loader = jinja2.FileSystemLoader(resource("templates"))
-    return jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
-
-
-def _page() -> str:
-    text: str = _environment().get_template("edit.html.j2").render(version=__version__)
-    return text
-
-
 # Errors as answers
 
 
 def _refusal(status: int, message: str, fix: str, problems: list[dict[str, Any]] | None = None) -> Response:
-    return JsonAnswer({"error": {"message": message, "fix": fix}, "problems": problems or []}, status)
+    return JSONResponse({"error": {"message": message, "fix": fix}, "problems": problems or []}, status)
 
 
 async def _edit_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, EditError)
-    return JsonAnswer(error.body(), error.why.value)
+    return JSONResponse(error.body(), error.why.value)
 
 
 async def _input_error(request: Request, error: Exception) -> Response:
@@ -173,12 +166,146 @@ async def _internal_error(request: Request, error: Exception) -> Response:
     return _refusal(500, f"the editor failed: {type(error).__name__}", "undo, and please report it")
 
 
+# Checks of requests
+
+BODY = 8 * 2**20 + 2**16
+"""Bytes of a body: a scene file is at most 8 MiB."""
+RESULT = "/result/"
+"""Rendered files: their address holds a key of its own, as a link carries no header."""
+OPEN = ("/static/", RESULT)
+"""Addresses that need no token: they hold nothing of the scene, or have a key of their own."""
+HEADERS = {
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
+    "img-src 'self' blob: data:; media-src 'self' blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-store",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "X-Frame-Options": "DENY",
+}
+
+
+def result_headers(host: str) -> dict[str, str]:
+    """Headers of rendered files: their scripts run in an origin of their own, which cannot reach the editor."""
+    own = f"data: blob: 'self' http://{host}"
+    policy = (
+        "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
+        f"font-src data:; img-src {own}; media-src {own}; base-uri 'none'; form-action 'none'"
+    )
+    return HEADERS | {"Content-Security-Policy": policy, "Cross-Origin-Resource-Policy": "cross-origin"}
+
+
+class Guard:
+    """ASGI middleware that answers the requests which it refuses, and adds headers to all answers."""
+
+    def __init__(self, app: ASGIApp, token: str, host: str, port: int) -> None:
+        self.app, self.token, self.host, self.port = app, token, host, port
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """One request."""
+        if scope["type"] != "http":
+            return
+
+        async def send_with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                is_result = scope["path"].startswith(RESULT)
+                chosen = result_headers(f"{self.host}:{self.port}") if is_result else HEADERS
+                own = [(key.lower().encode(), value.encode()) for key, value in chosen.items()]
+                names = {key for key, _ in own}
+                message["headers"] = [(k, v) for k, v in message["headers"] if k not in names] + own
+            await send(message)
+
+        try:
+            self._check(scope)
+            body = await _body(scope, receive)
+        except EditError as error:
+            answer = JSONResponse(error.body(), error.why.value)
+            await answer(scope, receive, send_with_headers)
+            return
+        await self.app(scope, body, send_with_headers)
+
+    def _check(self, scope: Scope) -> None:
+        headers = Headers(scope=scope)
+        if [key for key, _ in scope["headers"]].count(b"host") != 1 or not self.is_ours(headers["host"]):
+            raise EditError(
+                Why.FOREIGN, "the Host header names another server", "open the address as it was printed"
+            )
+        origin = headers.get("origin")
+        if origin is not None and origin != f"http://{headers['host']}":
+            raise EditError(Why.FOREIGN, "another site's page asks", "open the address as it was printed")
+        site = headers.get("sec-fetch-site")
+        path = scope["path"]
+        if site in ("cross-site", "same-site") and path != "/" and not path.startswith(RESULT):
+            raise EditError(Why.FOREIGN, "another site's page asks", "open the address as it was printed")
+        if path == "/" or path.startswith(OPEN):
+            return
+        given = headers.get(TOKEN, "")
+        if not secrets.compare_digest(given.encode(), self.token.encode()):
+            raise EditError(
+                Why.UNTRUSTED, "the token is missing or wrong", "open the address as it was printed"
+            )
+        length = headers.get("content-length", "0")
+        if length.isascii() and length.isdecimal() and (len(length) > 12 or int(length) > BODY):
+            raise too_large()
+
+    def is_ours(self, host: str) -> bool:
+        """Whether a Host header names this server."""
+        name, mark, port = host.rpartition(":")
+        if not mark or host.endswith("]"):
+            name, port = host, "80"
+        if port != str(self.port):
+            return False
+        name = name.strip("[]").lower()
+        known = {"localhost", "127.0.0.1", "::1", self.host.lower()}
+        if name in known:
+            return True
+        if self.host not in ("0.0.0.0", "::"):
+            return False
+        if name == socket.gethostname().lower():
+            return True
+        try:  # anyone can point a name at this machine, but not an address
+            ipaddress.ip_address(name)
+        except ValueError:
+            return False
+        return True
+
+
+async def _body(scope: Scope, receive: Receive) -> Receive:
+    """A `receive` that has read the whole body. Raises EditError for a body that is too large or not JSON."""
+    if scope["method"] not in ("POST", "PUT"):
+        return receive
+    data, more = bytearray(), True
+    while more:
+        message = await receive()
+        if message["type"] == "http.disconnect":
+            raise EditError(Why.MALFORMED, "the body ended early", "send it again")
+        data += message.get("body", b"")
+        more = message.get("more_body", False)
+        if len(data) > BODY:
+            raise too_large()
+    kind = Headers(scope=scope).get("content-type", "").partition(";")[0].strip().lower()
+    if data and kind != "application/json":
+        raise EditError(Why.KIND, "the body is not declared as JSON", "send Content-Type: application/json")
+    parts = iter([{"type": "http.request", "body": bytes(data), "more_body": False}])
+
+    async def receive_again() -> Message:
+        return next(parts, None) or await receive()
+
+    return receive_again
+
+
+def too_large() -> EditError:
+    """A body beyond its limit."""
+    return EditError(Why.TOO_LARGE, f"the body is larger than {BODY // 2**20} MiB", "send less")
+
+
 # The server
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where the editor listens. Port None: that of the editor whose draft is continued, or any free one."""
+    """Where the editor listens. Port None: any free one."""
 
     host: str = "127.0.0.1"
     port: int | None = None
@@ -199,37 +326,23 @@ class Editor:
         output: Path = Path("out"),
     ) -> None:
         place = place or Place()
-        self.windows = Windows()
-        self.keys = Keys()
-        self.session = Session(path, allow_outside, self.windows.send)
-        self.rendering = RenderJob(
-            path, output, allow_outside, lambda status: self.windows.send(with_addresses(status))
-        )
+        self.token = secrets.token_urlsafe(24)
+        events = Events()
+        self.session = Session(path, allow_outside, events.send)
+        self.rendering = RenderJob(path, output, allow_outside)
         try:
-            self.windows.counted(self.session.count_windows)
-            draft = self.session.document.draft
-            before = draft.last_address()  # an open page finds its server again
-            token = before.get("token")
-            self.token = token if isinstance(token, str) and token else secrets.token_urlsafe(24)
-            self._socket = _found_again(place, before.get("port"))
+            self._socket = _listening(place)
             self.port: int = self._socket.getsockname()[1]
-            self.address = self._address(place)
-            draft.listens(self.port, self.token, self.address)
+            shown = "127.0.0.1" if place.host in ("0.0.0.0", "::") else place.host
+            shown = f"[{shown}]" if ":" in shown else shown
+            self.address = f"http://{shown}:{self.port}/?token={self.token}"
+            self.session.draft.listens(self.address)
         except BaseException:
             self.session.close()
             raise
-        self.server = self._made(place)
-
-    def _address(self, place: Place) -> str:
-        shown = "127.0.0.1" if place.host in ("0.0.0.0", "::") else place.host
-        shown = f"[{shown}]" if ":" in shown else shown
-        return f"http://{shown}:{self.port}/?token={self.token}"
-
-    def _made(self, place: Place) -> uvicorn.Server:
-        services = Services(self.session, self.windows, self.rendering, self.keys, self.token)
-        app = Guard(application(services), self.token, place.host, self.port)
+        self.services = Services(self.session, events, self.rendering, self.token, set())
         config = uvicorn.Config(
-            app,
+            Guard(application(self.services), self.token, place.host, self.port),
             access_log=False,
             log_level="critical",
             lifespan="off",
@@ -237,11 +350,13 @@ class Editor:
             timeout_graceful_shutdown=2,
             h11_max_incomplete_event_size=64 * 1024,
         )
-        return uvicorn.Server(config)
+        self.server = uvicorn.Server(config)
 
     def once(self) -> str:
         """An address that opens the page one time: the list of processes shows it to all users of the machine."""
-        return f"{self.address.partition('?')[0]}?once={self.keys.new()}"
+        key = secrets.token_urlsafe(24)
+        self.services.once.add(key)
+        return f"{self.address.partition('?')[0]}?once={key}"
 
     def run(self) -> None:
         """Serve until `stop`, or Ctrl-C."""
@@ -256,26 +371,6 @@ class Editor:
         self.rendering.stop()
         self._socket.close()
         return self.session.close()
-
-
-def invited(address: str) -> str:
-    """A one-time address of a running editor's page; the address itself where the editor does not answer."""
-    base, _, token = address.partition("/?token=")
-    headers = {TOKEN: token, "Content-Type": "application/json"}
-    asked = UrlRequest(f"{base}/api/once", b"{}", headers, method="POST")
-    try:
-        with urlopen(asked, timeout=5) as answer:
-            return f"{base}/?once={json.load(answer)['key']}"
-    except (OSError, ValueError, KeyError):
-        return address
-
-
-def _found_again(place: Place, before: object) -> socket.socket:
-    """Where the editor before listened, if that is free and no other port is asked for."""
-    if place.port is None and isinstance(before, int):
-        with suppress(InputError, OverflowError):
-            return _listening(replace(place, port=before))
-    return _listening(place)
 
 
 def _listening(place: Place) -> socket.socket:

@@ -1,28 +1,47 @@
-"""The draft folder beside a scene: every state is written there before it is answered, by one editor at a time.
+"""The draft folder beside a scene: what is not saved yet, held by one editor at a time.
 
-`.NAME.editing/` holds `draft.json` with all states, copies of maps that were corrected (`maps-1`, ...), and where the
-editor listens. It is removed when the editor ends with everything saved; the next editor continues one that is left.
+`.NAME.editing/` holds `draft.json` with the newest text, copies of maps that were corrected (`maps-1`, ...), and the
+address of the editor. It is removed when the editor ends with everything saved; the next editor continues one that is
+left.
 """
 
 from __future__ import annotations
 
-import fcntl
-import json
 import os
-import re
 import shutil
-import stat
-from collections.abc import Mapping
+from collections.abc import Collection
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
-from physgen.edit.history import History, State
-from physgen.files import partial
+from filelock import FileLock, Timeout
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from physgen.files import partial, write_atomic
 from physgen.problems import InputError
+from physgen.scene.files import MAPS
 
-FORMAT = 2
-"""Of draft.json. Format 1 was a journal, journal.jsonl: such a folder is set aside, never overwritten."""
+
+class Unsaved(BaseModel):
+    """What draft.json holds. Formats 1 and 2 held the whole history."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    format: Literal[3] = 3
+    text: str
+    maps: int
+    """Number of the copy of maps that belongs to the text."""
+    saved: str
+    """The text that the file held when it was read or written last."""
+    saved_maps: int
+
+
+class BusyError(Exception):
+    """Another editor, at `address`, has the scene."""
+
+    def __init__(self, address: str) -> None:
+        super().__init__(address)
+        self.address = address
 
 
 def draft_folder(path: Path) -> Path:
@@ -31,188 +50,70 @@ def draft_folder(path: Path) -> Path:
     return real.with_name(f".{real.name}.editing")
 
 
-class BusyError(Exception):
-    """Another editor has the scene."""
-
-
 class Draft:
     """The draft folder of one scene, held by this process alone. Raises BusyError, InputError."""
 
     def __init__(self, path: Path) -> None:
         self.folder = draft_folder(path)
-        self.set_aside: Path | None = None
-        """The new name of a folder that was found and is not a draft of this editor."""
-        self._address: tuple[int, str, str] | None = None
-        self._last_maps = 0
+        self._file = self.folder / "draft.json"
         try:
-            self._lock = self._make_folder()
-            if not self._is_readable():  # of another version, say
-                self._move_aside()
-                os.close(self._lock)
-                self._lock = self._make_folder()
+            self.folder.mkdir(mode=0o700, exist_ok=True)
+            found = os.lstat(self.folder)
         except OSError as error:
             reason = (error.strerror or str(error)).lower()
             fix = "copy the scene to a folder that you may write to"
             raise InputError.of(str(path), "", f"cannot have a draft beside it: {reason}", fix) from None
-
-    @property
-    def file(self) -> Path:
-        """The states."""
-        return self.folder / "draft.json"
-
-    def _make_folder(self) -> int:
-        """Make the folder, or take over one of this user, and lock it. Raises BusyError, OSError."""
-        if os.path.lexists(self.folder) and not _is_ours(self.folder):
-            self._move_aside()
-        self.folder.mkdir(mode=0o700, exist_ok=True)
-        inode = os.stat(self.folder).st_ino  # a copy that was moved here has another
-        write_durably(self.folder / "owner", str(inode).encode())
-        lock = os.open(self.folder / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        if self.folder.is_symlink() or found.st_uid != os.getuid() or found.st_mode & 0o077:
+            raise self._strange("is a draft of another user or machine")
+        self._lock = FileLock(self.folder / "lock", timeout=0)
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            os.close(lock)
-            raise BusyError from None
-        return lock
+            self._lock.acquire()
+        except Timeout:
+            raise BusyError((self.folder / "address").read_text("utf-8")) from None
 
-    def _is_readable(self) -> bool:
-        """Whether its states can be read, or there are none yet."""
-        if (self.folder / "journal.jsonl").exists():
-            return False
+    def _strange(self, what: str) -> InputError:
+        return InputError.of(str(self.folder), "", what, "move the folder away, or remove it")
+
+    def load(self) -> Unsaved | None:
+        """What `store` wrote last; None where there is nothing. Raises InputError."""
         try:
-            found = _read_json(self.file)
-            History.from_data(found["history"])
-            State(**found["saved"])
-            return found["format"] == FORMAT and isinstance(found["ids"], list) and "saving" in found
-        except FileNotFoundError:
-            return True
-        except (OSError, ValueError, KeyError, TypeError):
-            return False
-
-    def _move_aside(self) -> None:
-        count = 1
-        while os.path.lexists(aside := self.folder.with_name(f"{self.folder.name}~{count}")):
-            count += 1
-        self.folder.rename(aside)
-        self.set_aside = aside
-
-    # States
-
-    def load(self) -> dict[str, Any] | None:
-        """What `store` wrote last; None where there is nothing."""
-        try:
-            return dict(_read_json(self.file))
+            return Unsaved.model_validate_json(self._file.read_bytes())
         except FileNotFoundError:
             return None
+        except (ValidationError, OSError):
+            raise self._strange("is a draft of another version of physgen") from None
 
-    def store(self, data: Mapping[str, Any]) -> None:
-        """Write all states to the disk; the old ones stay until the new ones are complete. Raises OSError."""
-        if self.is_gone():
-            self._renew()
-        data = {"format": FORMAT, **data}
-        write_durably(self.file, json.dumps(data, separators=(",", ":")).encode())
+    def store(self, unsaved: Unsaved) -> None:
+        """Write it to the disk; what was stored before stays until this is complete. Raises OSError."""
+        self.folder.mkdir(mode=0o700, exist_ok=True)
+        write_atomic(self._file, unsaved.model_dump_json().encode())
 
-    def is_gone(self) -> bool:
-        """Whether another program removed the folder."""
-        return os.fstat(self._lock).st_nlink == 0 or not self.folder.is_dir()
-
-    def _renew(self) -> None:
-        """Make the folder again. Raises OSError."""
-        lock = self._make_folder()
-        os.close(self._lock)
-        self._lock = lock
-        if self._address is not None:
-            self.listens(*self._address)
-
-    # Maps
+    def clear(self) -> None:
+        """Remove what is stored: everything is saved."""
+        self._file.unlink(missing_ok=True)
 
     def maps(self, number: int) -> Path:
         """The folder of a copy of the maps."""
         return self.folder / f"maps-{number}"
 
     def new_maps(self) -> int:
-        """A number that no copy has yet, and that was not returned before."""
-        found = (re.fullmatch(r"maps-(\d+)", path.name) for path in self.folder.iterdir())
-        self._last_maps = 1 + max(self._last_maps, *(int(match[1]) for match in found if match), 0)
-        return self._last_maps
+        """A number that no copy has yet."""
+        found = (path.name.removeprefix("maps-") for path in self.folder.glob("maps-*"))
+        return 1 + max((int(number) for number in found if number.isdecimal()), default=0)
 
-    def keep_maps(self, folder: Path) -> None:
-        """Write a new copy through to the disk, before a state refers to it."""
-        for path in (*folder.iterdir(), folder, self.folder):
-            sync(path)
+    def listens(self, address: str) -> None:
+        """Write the address of this editor."""
+        write_atomic(self.folder / "address", address.encode())
 
-    def forget_maps(self, kept: set[int]) -> None:
-        """Remove the copies that no state refers to."""
-        for path in self.folder.glob("maps-*"):
-            number = path.name.removeprefix("maps-")
-            if number.isdecimal() and int(number) not in kept:
-                shutil.rmtree(path, ignore_errors=True)
-
-    # Where the editor listens
-
-    def last_address(self) -> dict[str, Any]:
-        """Port, token and address of the editor before."""
-        return _address_in(self.folder)
-
-    def listens(self, port: int, token: str, address: str) -> None:
-        """Write where this editor listens, readable by its user alone."""
-        self._address = port, token, address
-        file = self.folder / "server.json"
-        with suppress(OSError):
-            file.unlink()
-        number = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
-        with open(number, "w", encoding="utf-8") as stream:
-            json.dump({"port": port, "token": token, "address": address}, stream)
-
-    def close(self, keep: bool) -> None:
-        """Release the folder, and remove it unless it is to be kept."""
-        if not keep:
+    def close(self, kept: Collection[int]) -> None:
+        """Release the folder with these copies of maps; without any it is removed."""
+        if kept:
+            for path in self.folder.glob("maps-*"):
+                if path.name not in {f"maps-{number}" for number in kept}:
+                    shutil.rmtree(path, ignore_errors=True)
+        else:
             shutil.rmtree(self.folder, ignore_errors=True)
-            sync(self.folder.parent)
-        with suppress(OSError):
-            os.close(self._lock)
-
-
-def _read_json(file: Path) -> Any:
-    return json.loads(file.read_bytes())
-
-
-def _is_ours(folder: Path) -> bool:
-    """Whether an editor of this user made the folder where it is."""
-    try:
-        found = os.lstat(folder)
-        owner = (folder / "owner").read_text()
-    except (OSError, ValueError):
-        return False
-    own = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o077
-    return own and owner == str(found.st_ino)
-
-
-def running_at(path: Path) -> str | None:
-    """Address of the editor that has a scene open; None where there is none."""
-    folder = draft_folder(path)
-    if not _is_ours(folder):
-        return None
-    try:
-        number = os.open(folder / "lock", os.O_RDWR | os.O_CLOEXEC)
-    except OSError:
-        return None
-    try:
-        fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        address = _address_in(folder).get("address")
-        return address if isinstance(address, str) else None
-    finally:
-        os.close(number)
-    return None
-
-
-def _address_in(folder: Path) -> dict[str, Any]:
-    try:
-        found = _read_json(folder / "server.json")
-    except (OSError, ValueError):
-        return {}
-    return found if isinstance(found, dict) else {}
+        self._lock.release()
 
 
 def write_durably(path: Path, data: bytes) -> None:
@@ -222,29 +123,50 @@ def write_durably(path: Path, data: bytes) -> None:
     """
     path = Path(os.path.realpath(path))
     beside = partial(path)
-    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC
     try:
-        with open(os.open(beside, flags, 0o666), "wb") as stream:
-            with suppress(OSError):  # a new file has no old permissions, and not all can be given again
-                old = os.stat(path)
-                os.fchmod(stream.fileno(), stat.S_IMODE(old.st_mode))
-                os.fchown(stream.fileno(), old.st_uid, old.st_gid)
+        with beside.open("wb") as stream:
             stream.write(data)
             stream.flush()
             os.fsync(stream.fileno())
+        with suppress(OSError):  # a new file has no old permissions
+            shutil.copymode(path, beside)
         beside.replace(path)
     except BaseException:
         with suppress(OSError):
             beside.unlink()
         raise
-    sync(path.parent)
 
 
-def sync(path: Path) -> None:
-    """Write a file, or the names in a folder, through to the disk."""
-    with suppress(OSError):
-        number = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
-        try:
-            os.fsync(number)
-        finally:
-            os.close(number)
+# Maps
+
+
+def has_maps(folder: Path) -> bool:
+    """Whether a folder holds maps."""
+    return any(os.path.lexists(folder / f"{name}.png") for name in MAPS)
+
+
+def copy_maps(folder: Path | None, into: Path) -> None:
+    """Copy the maps, completely or not at all, unless there is a copy."""
+    if into.is_dir():
+        return
+    beside = into.with_name(f"{into.name}.part")
+    shutil.rmtree(beside, ignore_errors=True)
+    beside.mkdir()
+    for name in MAPS if folder is not None else ():
+        file = (folder or into) / f"{name}.png"
+        if file.is_file():
+            shutil.copyfile(file, beside / file.name)
+    beside.rename(into)
+
+
+def install(source: Path, folder: Path) -> None:
+    """Put the maps of `source`, and no others, into `folder`, each completely. Raises OSError."""
+    folder.mkdir(exist_ok=True)
+    for name in MAPS:
+        made, file = source / f"{name}.png", folder / f"{name}.png"
+        if made.is_file():
+            data = made.read_bytes()
+            if not (file.is_file() and file.read_bytes() == data):
+                write_durably(file, data)
+        elif os.path.lexists(file):
+            file.unlink()

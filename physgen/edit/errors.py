@@ -15,7 +15,6 @@ class Why(Enum):
     UNTRUSTED = 401
     FOREIGN = 403
     ABSENT = 404
-    METHOD = 405
     STALE = 409
     """It was asked of a state that is gone, or the file on disk is another by now."""
     TOO_LARGE = 413
@@ -41,3 +40,8 @@ class EditError(Exception):
 def impossible(message: str, fix: str) -> EditError:
     """An operation that cannot be made on this scene."""
     return EditError(Why.IMPOSSIBLE, message, fix)
+
+
+def overtaken() -> EditError:
+    """The error of a request about something that a newer one replaced."""
+    return EditError(Why.STALE, "a newer request overtook this one", "wait for that one", {"overtaken": True})

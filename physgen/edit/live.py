@@ -9,24 +9,35 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from threading import RLock
+from threading import Lock, RLock
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.compile.appearance import appearance
+from physgen.compile.appearance import appearance, photo_poses
 from physgen.compile.compile import Compiled
 from physgen.compile.warnings import photo_differs
 from physgen.compile.world import World
-from physgen.edit.ground import BoundaryModel
-from physgen.edit.mask_tools import PromptSegmenter
-from physgen.edit.panels import derived_data, problem_data, scene_data
+from physgen.edit.errors import impossible
+from physgen.edit.panels import derived_data, problem_data, scene_data, todo
 from physgen.maps import Percepts
 from physgen.pipeline.cache_keys import key, motion_key
-from physgen.pipeline.stages import Keep, Recent, Stages, lint
+from physgen.pipeline.stages import Keep, Recent, Stages, lint, stage
 from physgen.problems import InputError, Problem, by_place
-from physgen.report.player import fields, figure, joints, pushes, touches, walls
+from physgen.render.stage import Stage
+from physgen.report.player import (
+    fields,
+    figure,
+    joints,
+    plate,
+    pushes,
+    shadows,
+    sprites,
+    touches,
+    walls,
+)
 from physgen.scene.load import Opened
 from physgen.scene.scene import Scene, View
 from physgen.simulate.engine import Running
@@ -232,8 +243,6 @@ class Live:
 
     def __init__(self, path: Path, allow_outside: bool = False) -> None:
         self.path, self.allow_outside = path, allow_outside
-        self.finder = PromptSegmenter()
-        self.layer = BoundaryModel()
         self._lock = RLock()
         self._warm = Stages(Keep.EDITING)
         self._opened: Recent[Opened] = Recent(6)
@@ -249,8 +258,6 @@ class Live:
 
         `maps` stand in for the scene's assets.
         """
-        from physgen.edit.panels import todo
-
         with self._lock:
             begun = time.perf_counter()
             opened = known = None
@@ -349,11 +356,6 @@ class Live:
         with self._lock:
             return self._warm.maps(scene).percepts
 
-    def hand_over(self, scene: Scene, percepts: Percepts) -> None:
-        """Keep maps that were just written for a scene, so that they need not be read."""
-        with self._lock:
-            self._warm.hand_over(scene, percepts)
-
     def _lints(self, known: _Known) -> list[Problem]:
         """Warnings; those about the photo are computed once for all texts with the same masks."""
         scene, compiled = known.scene, known.compiled
@@ -389,3 +391,77 @@ class Live:
         if not problem.place.line and problem.path:  # found while simulating
             problem = replace(problem, place=scene.place(problem.path))
         return problem_data(problem, name, [item.name for item in scene.objects], scene.document)
+
+
+# Images
+
+
+class Pictures:
+    """Of one scene file while it is edited; its methods may be called from any thread and hold up no look."""
+
+    def __init__(self, live: Live) -> None:
+        self._live, self._lock = live, Lock()
+        self._stages: Recent[Stage] = Recent(2)
+        self._looks: Recent[Data] = Recent(3)
+        self._shadows: Recent[Data] = Recent(6)
+
+    def look(self, key: str) -> Data | None:
+        """`names` of the bodies, `background` and `sprites` as `report.cutouts` has them; None: the key is gone."""
+        sight = self._live.sight(key)
+        if sight is None:
+            return None
+        with self._lock:
+            return self._looks.of(key, lambda: self._look(key, sight))
+
+    def shadows(self, key: str, motion: str) -> Data | None:
+        """Shadows of every object for a motion, which is simulated to its end; None: one of the two is gone."""
+        sight = self._live.sight(key)
+        seen = None if sight is None else self._live.whole(motion)
+        if sight is None or seen is None:
+            return None
+        with self._lock:
+            rows = self._shadows.of((key, motion), lambda: self._thrown(key, sight, *seen))
+        return {"key": key, "motion": motion, **rows}
+
+    def _stage(self, key: str, sight: CompiledScene) -> Stage:
+        """With the poses in which objects were cut out of the photo."""
+        return self._stages.of(key, lambda: stage(sight.scene, sight.compiled, sight.percepts))
+
+    def _look(self, key: str, sight: CompiledScene) -> Data:
+        drawn = self._stage(key, sight)
+        return {
+            "key": key,
+            "names": [item.name for item in sight.scene.objects],
+            "background": plate(drawn, range(len(drawn.sprites))),
+            "sprites": sprites(drawn),
+            "shadows": [],
+            "motion": None,
+        }
+
+    def _thrown(self, key: str, sight: CompiledScene, seen: Trajectory, world: World) -> Data:
+        drawn = replace(self._stage(key, sight), starts=photo_poses(world))
+        if len(seen.names) != len(sight.scene.objects):
+            return {"shadows": []}
+        return {"shadows": shadows(drawn, seen, range(len(drawn.sprites)))}
+
+
+def photo_png(sight: CompiledScene) -> bytes:
+    """PNG of the photo; a scene without one has a plain background."""
+    from physgen.render.staging import flat_background
+
+    maps = sight.percepts
+    rgb = flat_background(sight.compiled.world, 1.0) if maps is None else maps.rgb
+    done, data = cv2.imencode(".png", cv2.cvtColor(np.ascontiguousarray(rgb), cv2.COLOR_RGB2BGR))
+    assert done
+    return data.tobytes()
+
+
+def mask_png(sight: CompiledScene, name: str) -> bytes:
+    """An object's pixels as a grey PNG of the photo's size, 0 or 255. Raises EditError, InputError."""
+    names = [item.name for item in sight.scene.objects]
+    if name not in names:
+        raise impossible(f"no object is called {name!r}", "choose an object")
+    mask = np.where(sight.compiled.labels == names.index(name) + 1, np.uint8(255), np.uint8(0))
+    done, data = cv2.imencode(".png", mask)
+    assert done
+    return data.tobytes()

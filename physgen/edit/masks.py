@@ -5,32 +5,45 @@ Each sets the new pixels of objects, or the operations on the scene's text, of a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from pathlib import Path
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import partial
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
+from physgen import registry
 from physgen.compile.shapes import fill_polygon
-from physgen.edit import object_entries
 from physgen.edit.errors import impossible
-from physgen.edit.live import CompiledScene, Live
-from physgen.edit.map_patches import fitted
-from physgen.edit.mask_tools import beyond, stroke
-from physgen.edit.object_entries import Before, Data
+from physgen.edit.object_entries import (
+    Correction,
+    Data,
+    Mask,
+    changed_entry,
+    new_entry,
+    photo_object,
+    written,
+)
 from physgen.edit.operations import replaced
-from physgen.maps import Percepts
+from physgen.geometry.fitting import fit_outlines
 from physgen.perceive.document import object_names
-from physgen.perceive.roles import SMALLEST_OBJECT, Detections, PhotoObject
-from physgen.perceive.segment.prompts import PROMPT_ODDS
+from physgen.perceive.roles import SMALLEST_OBJECT, Name, PhotoObject, PromptedMask, Rgb, Segments
+from physgen.perceive.segment.prompts import (
+    PROMPT_ODDS,
+    PhotoProposals,
+    photo_proposals,
+    prompted_answers,
+    segment_box,
+    segment_point,
+    segmenter,
+)
+from physgen.pipeline.stages import Recent
 from physgen.problems import InputError
-from physgen.scene.scene import Scene
+from physgen.registry import Backends
 
-Mask = NDArray[np.bool_]
-
+MAX_STROKE_WORK = 10**9
+"""Distances of pixels to segments that are computed for one stroke: about half a minute."""
 SAME = 0.5, 0.3
 """A box or a point means an existing object where they share this much of the smaller mask, and of the old one."""
 
@@ -100,137 +113,77 @@ def parse_op(op: Mapping[str, Any]) -> MaskOp:
         raise impossible(message[:300], "see docs/editing.md") from None
 
 
-@dataclass
-class Correction:
-    """A correction under way."""
-
-    live: Live
-    text: str
-    folder: Path | None
-    """That stands in for the scene's assets, None for its own."""
-    sight: CompiledScene
-    maps: Percepts
-    known: Before
-    masks: dict[str, Mask] = field(default_factory=dict)
-    """New pixels of objects that were there."""
-    fresh: dict[str, Mask] = field(default_factory=dict)
-    """Pixels of new objects."""
-    entries: dict[str, Data] = field(default_factory=dict)
-    """Their entries, as far as they are known; masks, shapes and numbers come at the end."""
-    found: dict[str, tuple[float, Data]] = field(default_factory=dict)
-    """How sure a mask is, and the prompt that it was found by."""
-    gone: str | None = None
-    ops: list[Data] = field(default_factory=list)
-
-    @property
-    def scene(self) -> Scene:
-        """Before the correction."""
-        return self.sight.scene
-
-    def mask(self, name: str) -> Mask:
-        """Pixels of an object as they are. Raises EditError."""
-        return np.asarray(self.sight.compiled.labels == self.index(name) + 1)
-
-    def set_mask(self, name: str, mask: Mask) -> None:
-        """Give an object other pixels. Raises EditError for too few."""
-        check_size(mask, name)
-        self.masks[name] = mask
-
-    def index(self, name: str) -> int:
-        """Of an object. Raises EditError."""
-        every = [item.name for item in self.scene.objects]
-        if name not in every or name not in self.known.document["objects"]:
-            raise impossible(f"no object is called {name!r}", "choose an object")
-        return every.index(name)
-
-
-def begin(live: Live, text: str, maps: Path | None) -> Correction:
-    """A correction of a text begins. Raises EditError where the text is wrong, or shows no photo."""
-    try:
-        sight = live.state(text, maps)
-        document = live.document(text, maps)
-    except InputError as error:
-        raise impossible(f"the scene has an error: {error.problems[0]}", "mend it first") from error
-    percepts = sight.percepts
-    if percepts is None:
-        raise impossible("the scene has no photo, so there is nothing to mask", "draw the object's shape")
-    known = object_entries.before(sight.scene, document, sight.compiled, percepts.rgb)
-    return Correction(live, text, maps, sight, percepts, known)
-
-
-def make(work: Correction, op: MaskOp) -> str:
+def make(work: Correction, op: MaskOp, finder: PromptSegmenter) -> str:
     """Carry out one operation; returns its name. Raises EditError."""
-    return _MAKERS[type(op)](work, op)
+    match op:
+        case BoxOp(box=box):
+            prompt = {"box": [round(v, 2) for v in box]}
+            return _prompted(work, op.object, op.kind == "new", finder.box(work.maps.rgb, box), prompt)
+        case PointOp(point=(x, y)):
+            found = finder.point(work.maps.rgb, work.sight.key, (x, y))
+            return _prompted(work, op.object, False, found, {"point": [round(x, 2), round(y, 2)]})
+        case _:
+            return _MAKERS[type(op)](work, op)
 
 
-def _box(work: Correction, op: BoxOp) -> str:
-    found = work.live.finder.box(work.maps.rgb, work.sight.key, op.box)
-    prompt = {"box": [round(v, 2) for v in op.box]}
-    return _prompted(work, op.object, op.kind == "new", (found.mask, found.confidence), prompt)
-
-
-def _point(work: Correction, op: PointOp) -> str:
-    x, y = op.point
-    found = work.live.finder.point(work.maps.rgb, work.sight.key, (x, y))
-    prompt = {"point": [round(x, 2), round(y, 2)]}
-    return _prompted(work, op.object, False, (found.mask, found.confidence), prompt)
-
-
-def _prompted(
-    work: Correction, name: str | None, is_new: bool, found: tuple[Mask, float], prompt: Data
-) -> str:
+def _prompted(work: Correction, name: str | None, is_new: bool, found: PromptedMask, prompt: Data) -> str:
     """Use the mask of a box or a point for an object that is there, or for a new one."""
-    labels, count = work.sight.compiled.labels, len(work.scene.objects)
-    mask, fit = found
+    labels, number = work.labels, len(work.scene.objects)
+    mask, fit = found.mask, found.confidence
     if name is None and not is_new:
-        there, every = (np.bincount(part.ravel(), minlength=count + 1) for part in (labels[mask], labels))
-        size = int(mask.sum())
-        k = int(there[1:].argmax()) + 1 if count else 0
-        if k and there[k] > max(SAME[0] * min(size, int(every[k])), SAME[1] * int(every[k])):
+        there, every = (np.bincount(part.ravel(), minlength=number + 1) for part in (labels[mask], labels))
+        k = int(there[1:].argmax()) + 1 if number else 0
+        if k and there[k] > max(SAME[0] * min(count(mask), int(every[k])), SAME[1] * int(every[k])):
             name = work.scene.objects[k - 1].name
     own = 0 if name is None else work.index(name) + 1
     mask = mask & ((labels == 0) | (labels == own))
     sure = PROMPT_ODDS * fit / (1 + (PROMPT_ODDS - 1) * fit)  # a user has pointed there
     if name is None:
-        return _new(work, mask, (sure, prompt))
-    work.set_mask(name, mask)
+        name = _new(work, mask)
+        work.found[name] = sure, prompt
+        return f"a new object, {name}"
+    _set_mask(work, name, mask)
     work.found[name] = sure, prompt
     return f"correct the mask of {name}"
+
+
+def _set_mask(work: Correction, name: str, mask: Mask) -> None:
+    """Give an object other pixels. Raises EditError for too few."""
+    work.index(name)
+    check_size(mask, name)
+    work.masks[name] = mask
 
 
 def _polygon(work: Correction, op: PolygonOp) -> str:
     mask = fill_polygon(tuple((x, y) for x, y in op.polygon), work.scene.size)
     if op.object is None:
-        return _new(work, mask)
-    work.index(op.object)
-    work.set_mask(op.object, mask)
+        return f"a new object, {_new(work, mask)}"
+    _set_mask(work, op.object, mask)
     return f"draw the mask of {op.object}"
 
 
 def _brush(work: Correction, op: BrushOp) -> str:
     was = work.mask(op.object)
-    painted = stroke([(x, y) for x, y in op.strokes], op.radius, work.scene.size)
+    painted = stroke(op.strokes, op.radius, work.scene.size)
     mask = was | painted if op.kind == "brush" else was & ~painted
     if (mask == was).all():
         raise impossible("the stroke changes nothing", "paint over its border")
-    work.set_mask(op.object, mask)
+    _set_mask(work, op.object, mask)
     return f"{'add to' if op.kind == 'brush' else 'erase from'} the mask of {op.object}"
 
 
-def _new(work: Correction, mask: Mask, found: tuple[float, Data] | None = None) -> str:
+def _new(work: Correction, mask: Mask) -> str:
+    """The name of a new object, which it gets by its looks."""
     check_size(mask, "the new object")
     id_, size = len(work.scene.objects) + 1, work.scene.size
-    labels = np.where(mask, np.uint16(id_), work.sight.compiled.labels)
-    outline = fitted(labels, [id_])[id_]
-    called = object_entries.named(work.known, labels, object_entries.photo_object(id_, outline, "", size))
-    one = object_entries.photo_object(id_, outline, called.label, size)
+    labels = np.where(mask, np.uint16(id_), work.labels)
+    one = photo_object(id_, fit_outlines(labels, [id_])[id_], "", size)
+    guess: Mapping[int, Name] = registry.make("label")(work.maps.rgb, labels, [one])
+    one = photo_object(id_, one.outline, guess[id_].label, size)
     name = object_names([one], {k + 1: item.name for k, item in enumerate(work.scene.objects)})[id_]
-    drawn = Detections(labels, "drawn", {}, {})
-    work.entries[name] = object_entries.entry(work.known, labels, one, name, called, drawn)
+    work.entries[name] = new_entry(work, labels, one, name, guess[id_])
     work.fresh[name] = mask
-    if found is not None:
-        work.found[name] = found
-    return f"a new object, {name}"
+    return name
 
 
 def _merge(work: Correction, op: MergeOp) -> str:
@@ -239,17 +192,18 @@ def _merge(work: Correction, op: MergeOp) -> str:
         raise impossible("the two objects are one", "choose two objects")
     work.masks[kept] = work.mask(kept) | work.mask(other)
     work.gone = other
-    _, gone = replaced(dict(work.known.document), other, kept)
+    _, gone = replaced(dict(work.document), other, kept)
     work.ops = [{"merge": ["objects", other], "to": kept}]
     return f"merge {other} into {kept}" + (f", without {' and '.join(gone)}" if gone else "")
 
 
 def _split(work: Correction, op: SplitOp) -> str:
     mask = work.mask(op.object)
-    if op.line[0] == op.line[1]:
-        raise impossible("the line is a point", "draw it across the object")
     (x0, y0), (x1, y1) = op.line
-    side = beyond([(x0, y0), (x1, y1)], work.scene.size)
+    if (x0, y0) == (x1, y1):
+        raise impossible("the line is a point", "draw it across the object")
+    y, x = np.indices(mask.shape)
+    side = (x1 - x0) * (y - y0) - (y1 - y0) * (x - x0) > 0  # to the right of the extended line
     larger, smaller = sorted((mask & side, mask & ~side), key=lambda part: -count(part))
     check_size(smaller, "one of the halves")
     taken = {item.name for item in work.scene.objects}
@@ -263,36 +217,20 @@ def _split(work: Correction, op: SplitOp) -> str:
 
 def _relabel(work: Correction, op: RelabelOp) -> str:
     label = op.label.strip()
-    work.index(op.object)
-    old = work.known.photo_object(op.object)
+    old = work.photo_object(op.object)
     one = PhotoObject(old.id, old.outline, label, old.cut)
-    made = object_entries.changed(work.known, op.object, one, work.sight.compiled.labels, label)
+    made = changed_entry(work, op.object, op.object, one, work.labels, label)
     work.ops += written(work, op.object, {**made, "label": label})
     return f"call {op.object} {label}"
 
 
 _MAKERS: dict[type[BaseModel], Callable[[Correction, Any], str]] = {
-    BoxOp: _box,
-    PointOp: _point,
     PolygonOp: _polygon,
     BrushOp: _brush,
     MergeOp: _merge,
     SplitOp: _split,
     RelabelOp: _relabel,
 }
-
-
-def written(work: Correction, name: str, made: Data) -> list[Data]:
-    """Operations for what differs from the entry as it is written."""
-    was = work.known.was(name)
-    path = ["objects", name]
-    ops = [
-        {"set": [*path, key], "value": value}
-        for key, value in made.items()
-        if key not in was or was[key] != value
-    ]
-    gone = [key for key in was if key not in made and (key != "density" or "mass" not in made)]
-    return ops + [{"unset": [*path, key]} for key in gone]  # setting a mass drops the density
 
 
 def count(mask: Mask) -> int:
@@ -305,3 +243,72 @@ def check_size(mask: Mask, what: str) -> None:
     if count(mask) < SMALLEST_OBJECT:
         message = f"{what} would have fewer than {SMALLEST_OBJECT} px"
         raise impossible(message, "mark more of it, or delete the object")
+
+
+# Pixels of what the user draws or points at
+
+
+class PromptSegmenter:
+    """Finds the objects in boxes and at points; segments and proposals of a photo are kept for the next point."""
+
+    def __init__(self) -> None:
+        self._segmented: Recent[Segments] = Recent(1)
+        self._proposed: Recent[PhotoProposals] = Recent(1)
+
+    def box(self, rgb: Rgb, box: Sequence[float]) -> PromptedMask:
+        """The object in a box (left, top, width, height). Raises EditError."""
+        with _edit_errors():
+            segment = segmenter(Backends())
+            x, y, width, height = box
+            answers = prompted_answers(rgb, [(x, y, width, height)], [], segment)
+            return answers.get(0) or segment_box(rgb, (x, y, width, height))
+
+    def point(self, rgb: Rgb, key: str, point: tuple[float, float]) -> PromptedMask:
+        """The object at a point. Raises EditError; `key` identifies the photo."""
+        with _edit_errors():
+            segment = segmenter(Backends())
+            answers = prompted_answers(rgb, [], [point], segment)
+            if 0 in answers:
+                return answers[0]
+            found = self._segmented.of(key, partial(segment, rgb))
+            return segment_point(
+                rgb, point, found, partial(self._proposed.of, key, partial(photo_proposals, rgb))
+            )
+
+
+@contextmanager
+def _edit_errors() -> Iterator[None]:
+    """Turn errors of perception into errors of the editor."""
+    try:
+        yield
+    except InputError as error:
+        problem = error.problems[0]
+        fix = "draw a box around it" if "--box" in problem.fix else problem.fix
+        raise impossible(f"what is marked {problem.expected}", fix) from error
+
+
+def stroke(points: Sequence[Sequence[float]], radius: float, size: tuple[int, int]) -> Mask:
+    """(H, W): pixels whose centre is within a radius of a line; `size` is width, height. Raises EditError for too many.
+
+    >>> int(stroke([(2, 2)], 1.0, (5, 5)).sum())
+    5
+    """
+    width, height = size
+    near = np.zeros((height, width), np.bool_)
+    line = np.array(points, np.float64)
+    work = 0
+    for a, b in zip(line[: max(len(line) - 1, 1)], line[1:] if len(line) > 1 else line, strict=True):
+        x0, y0 = np.floor(np.minimum(a, b) - radius).astype(int)
+        x1, y1 = np.ceil(np.maximum(a, b) + radius).astype(int) + 1
+        x0, y0, x1, y1 = max(x0, 0), max(y0, 0), min(x1, width), min(y1, height)
+        if x1 <= x0 or y1 <= y0 or near[y0:y1, x0:x1].all():
+            continue
+        work += int((x1 - x0) * (y1 - y0))
+        if work > MAX_STROKE_WORK:
+            raise impossible("the stroke is too long for its width", "paint it in parts")
+        y, x = np.mgrid[y0:y1, x0:x1]
+        along, (dx, dy) = b - a, (x - a[0], y - a[1])
+        length = float(along @ along)
+        part = np.clip((dx * along[0] + dy * along[1]) / length, 0, 1) if length > 0 else np.zeros(x.shape)
+        near[y0:y1, x0:x1] |= (dx - part * along[0]) ** 2 + (dy - part * along[1]) ** 2 <= radius**2 + 1e-9
+    return near

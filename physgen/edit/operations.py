@@ -8,16 +8,18 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path as File
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, JsonValue, TypeAdapter, ValidationError
 
 from physgen.edit import yaml_edit
 from physgen.edit.errors import impossible
-from physgen.edit.yaml_tree import marked, same
+from physgen.edit.yaml_edit import marked, same
 from physgen.problems import InputError
 from physgen.scene.document import Node, Source, plain, read
 from physgen.scene.files import with_bases
@@ -27,25 +29,10 @@ from physgen.text import KeyPath, dotted
 
 Data = dict[str, Any]
 
-MAX_STEPS = 64
-"""Keys of a path."""
-MAX_KEY = 1000
-"""Characters of a key."""
 EXACT_DIGITS = 15
 """Digits from which on a number is an arithmetic result, and is rounded to 6."""
 NAMED = ("objects", "boundaries", "joints", "fields", "variants")
 """Sections whose keys are names."""
-OWN_KEYS = ("mask", "shape", "place", "label", "prompt", "from", "mass", "density", "solid")
-"""Keys of an object that describe it alone: in a variant they do not hold for an object that it is merged into."""
-KINDS = {
-    "set": {"value"},
-    "unset": set(),
-    "add": {"value"},
-    "rename": {"to"},
-    "remove": set(),
-    "merge": {"to"},
-}
-"""The operations, and their further keys. `merge`, which corrections of masks make, replaces an object by another."""
 
 
 class _Absent:
@@ -54,6 +41,59 @@ class _Absent:
 
 ABSENT = _Absent()
 _NOWHERE = Source("", File())
+
+
+# The operations
+
+
+def whole(value: object) -> object:
+    """An integral number as an integer: JSON does not tell 1.0 from 1."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+Index = Annotated[int, Field(strict=True, ge=0, le=10**6), BeforeValidator(whole)]
+Path = Annotated[list[Annotated[str, Field(max_length=1000)] | Index], Field(min_length=1, max_length=64)]
+"""Keys, and indices from 0."""
+
+
+class Body(BaseModel):
+    """Part of a request; unknown keys are errors."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+class SetOp(Body):
+    set: Path
+    value: JsonValue
+
+
+class UnsetOp(Body):
+    unset: Path
+
+
+class AddOp(Body):
+    add: Path
+    value: JsonValue
+
+
+class RenameOp(Body):
+    rename: Path
+    to: str
+
+
+class RemoveOp(Body):
+    remove: Path
+
+
+class MergeOp(Body):
+    """An object is replaced by another; only corrections of masks make it."""
+
+    merge: Path
+    to: str
+
+
+Op = SetOp | UnsetOp | AddOp | RenameOp | RemoveOp
+_PARSER: TypeAdapter[Op | MergeOp] = TypeAdapter(Op | MergeOp)
 
 
 @dataclass(frozen=True)
@@ -65,39 +105,46 @@ class Edited:
 
 
 def edited(
-    text: str, ops: Sequence[Mapping[str, Any]], variant: str | None, file: File, allow_outside: bool
+    text: str, ops: Sequence[Op | Mapping[str, Any]], variant: str | None, file: File, allow_outside: bool
 ) -> Edited:
     """All operations, in order, in the file or in a variant. Raises EditError for the first that is impossible."""
     made: list[str] = []
     for op in ops:
+        try:
+            parsed = _PARSER.validate_python(op)
+        except ValidationError:
+            raise impossible("an operation is not known", 'send {"set": [...], "value": ...}') from None
         target = Target(text, variant, file, allow_outside)
         try:
-            made.append(_make(target, op))
+            made.append(_make(target, parsed))
         except ValueError as error:  # of the writer: a key that is too long
             raise impossible(str(error), "send what a scene can hold") from None
         text = target.text
     return Edited(text, ", ".join(dict.fromkeys(made))[:200])
 
 
-def _make(target: Target, op: Mapping[str, Any]) -> str:
+def _make(target: Target, op: Op | MergeOp) -> str:
     """Make one operation; returns its name."""
-    kind = next((kind for kind in KINDS if kind in op), None)
-    if kind is None or set(op) != {kind, *KINDS[kind]}:
-        raise impossible("an operation is not known", 'send {"set": [...], "value": ...} or the like')
-    path = _checked(op[kind])
-    if kind == "remove":
-        return _remove(target, path)
-    if kind == "rename":
-        return _rename(target, path, op["to"])
-    if kind == "merge":
-        target.write(replaced(target.data, str(path[-1]), op["to"])[0])
-        return f"merge {path[-1]} into {op['to']}"
+    match op:
+        case RemoveOp():
+            return _remove(target, tuple(op.remove))
+        case RenameOp():
+            return _rename(target, tuple(op.rename), op.to)
+        case MergeOp():
+            target.write(replaced(target.data, str(op.merge[-1]), op.to)[0])
+            return f"merge {op.merge[-1]} into {op.to}"
+        case UnsetOp():
+            path, value, kind = tuple(op.unset), None, "unset"
+        case SetOp():
+            path, value, kind = tuple(op.set), op.value, "set"
+        case AddOp():
+            path, value, kind = tuple(op.add), op.value, "add"
     if target.variant is not None and path[0] in SEALED:
         raise impossible(f"a variant cannot change {path[0]}", "edit the file itself")
-    if kind == "unset" or op["value"] is None:
+    if value is None:
         target.unset(path)
         return f"unset {_name(path)}"
-    value, data = short(op["value"]), deepcopy(target.data)
+    value, data = short(value), deepcopy(target.data)
     if kind == "add":
         seen = reach(data, path)
         is_list = (schema_at(path) or {}).get("type") == "array"
@@ -116,18 +163,6 @@ def _make(target: Target, op: Mapping[str, Any]) -> str:
 def _name(path: KeyPath) -> str:
     """A path as the history shows it: without the section for a key of an object."""
     return dotted(path[1:] if len(path) > 2 and path[0] == "objects" else path)
-
-
-def _checked(path: Any) -> KeyPath:
-    if isinstance(path, list | tuple) and 0 < len(path) <= MAX_STEPS and all(map(_is_step, path)):
-        return tuple(path)
-    raise impossible("a path is not a list of keys and numbers", 'send ["objects", "ball", "mass"]')
-
-
-def _is_step(key: Any) -> bool:
-    return (isinstance(key, int) and not isinstance(key, bool) and 0 <= key <= 10**6) or (
-        isinstance(key, str) and len(key) <= MAX_KEY
-    )
 
 
 def short(value: Any) -> Any:
@@ -231,19 +266,33 @@ class Target:
         if self.variant is None:
             self._write_file(data)
             return
-        edits: Data = dict(self._edits)
         changes = {path: value for path, value in _changes(self.data, data, ()) if path[0] not in SEALED}
         if at is not None and any(path[: len(at)] == at for path in changes):
             changes = {path: value for path, value in changes.items() if path[: len(at)] != at}
             changes[at] = reach(data, at)
+        made: Data = {}
         for path, value in sorted(changes.items(), key=lambda change: change[1] is ABSENT):
-            edits = self._with_edit(edits, path, value)
-        self._write_edits(edits)
+            if parse_key(dotted(path)) != path:
+                raise impossible(f"a variant cannot change {dotted(path)[:80]}", "edit the file itself")
+            made[dotted(path)] = None if value is ABSENT else value
+        rest = {
+            key: value for key, value in self._edits.items() if key in made or not _is_below(key, changes)
+        }
+        others = {key: value for key, value in rest.items() if key not in made}
+        for edits in (
+            {**rest, **made},
+            {**others, **made},
+        ):  # a later key may override one that stays in its place
+            now = _with_edits(self._whole, edits)
+            if all(same(now.get(key), data.get(key)) for key in {*now, *data} - set(SEALED)):
+                self._write_edits(edits)
+                return
+        raise impossible(f"variant {self.variant} cannot be changed so", "edit the file itself")
 
     def unset(self, path: KeyPath) -> None:
         """Remove a value: in a variant what the variant changes there, or else the value itself. Raises EditError."""
         if self.variant is not None and not isinstance(path[-1], int):
-            edits = self._without_edits(self._edits, path)
+            edits = {key: value for key, value in self._edits.items() if not _is_below(key, [path])}
             if edits != self._edits:
                 self._write_edits(edits)
                 return
@@ -260,51 +309,11 @@ class Target:
         whole["variants"][self.variant] = edits
         self._write_file(whole)
 
-    def _with_edit(self, edits: Data, path: KeyPath, value: Any) -> Data:
-        """Edits after which `value` is at a path; ABSENT: nothing. Raises EditError."""
-        if same(reach(_with_edits(self._whole, edits), path), value):
-            return edits
-        key = dotted(path)
-        if parse_key(key) != path:
-            raise impossible(f"a variant cannot change {key[:80]}", "edit the file itself")
-        holder = _holder(edits, path)
-        if holder is not None:
-            edits = self._without_edits(edits, path)
-            if value is not ABSENT:
-                assign(edits, (holder, *path[len(parse_key(holder) or ()) :]), value)
-        else:
-            edits = {k: v for k, v in edits.items() if k == key or not _is_below(k, path)}
-            edits[key] = None if value is ABSENT else value
-        for _ in range(2):
-            if same(reach(_with_edits(self._whole, edits), path), value):
-                return edits
-            edits = {
-                k: v for k, v in edits.items() if not _is_below(k, path)
-            }  # a later key overrides it: be the last
-            edits[key] = None if value is ABSENT else value
-        raise impossible(f"variant {self.variant} cannot change {key}", "edit the file itself")
 
-    def _without_edits(self, edits: Mapping[str, Any], path: KeyPath) -> Data:
-        """Edits that change nothing at a path."""
-        made = deepcopy({key: value for key, value in edits.items() if not _is_below(key, path)})
-        if (holder := _holder(made, path)) is not None:
-            take(made, (holder, *path[len(parse_key(holder) or ()) :]))
-        return made
-
-
-def _is_below(key: str, path: KeyPath) -> bool:
-    """Whether a variant's key is a path, or one in it."""
-    return (parse_key(key) or ())[: len(path)] == path
-
-
-def _holder(edits: Mapping[str, Any], path: KeyPath) -> str | None:
-    """The last of the edits that sets a mapping or a list in which a path lies."""
-    found = None
-    for key, value in edits.items():
-        above = parse_key(key) or ()
-        if 0 < len(above) < len(path) and path[: len(above)] == above and isinstance(value, dict | list):
-            found = key
-    return found
+def _is_below(key: str, paths: Iterable[KeyPath]) -> bool:
+    """Whether a variant's key is one of these paths, or below one."""
+    own = parse_key(key) or ()
+    return any(own[: len(path)] == path for path in paths)
 
 
 def _changes(old: Any, new: Any, path: KeyPath) -> Iterator[tuple[KeyPath, Any]]:
@@ -398,14 +407,14 @@ def _remove(target: Target, path: KeyPath) -> str:
     return "remove " + " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
 
 
-def _rename(target: Target, path: KeyPath, to: Any) -> str:
+def _rename(target: Target, path: KeyPath, to: str) -> str:
     """Rename an entry and what refers to it; returns the name of the edit. Raises EditError."""
     if target.variant is not None:
         raise impossible("a variant cannot give names", "do it in the file itself")
     if len(path) != 2 or path[0] not in NAMED or reach(target.data, path) is ABSENT:
         raise impossible(f"{dotted(path)} has no name that can be changed", "name an object, a joint, ...")
     rule = published()["$defs"]["name"]
-    if not isinstance(to, str) or not re.fullmatch(rule["pattern"].strip("^$"), to):
+    if not re.fullmatch(rule["pattern"].strip("^$"), to):
         raise impossible("that is not a name", f"write {rule['x-pattern']}")
     section, old = str(path[0]), str(path[1])
     if to != old:
@@ -445,17 +454,14 @@ def replaced(data: Data, name: str, to: str | None) -> tuple[Data, list[str]]:
         made: Data = {}
         for key, value in edits.items():
             path = parse_key(key) or ()
-            if path[:2] == ("objects", name):
-                new = None if to is None else dotted(("objects", to, *path[2:]))
-                own = merged and (len(path) < 3 or path[2] in OWN_KEYS or new in edits)
-                if new is not None and not own:
-                    made[new] = value
-            else:
+            if path[:2] != ("objects", name):
                 value = _refer_in_edit(path, value, name, to)
                 if value is not ABSENT:
                     made[key] = value
-        if merged:
-            gone += [f"{key} of {variant}" for key in edits if len(made) < len(edits) and key not in made]
+            elif to is not None and not merged:
+                made[dotted(("objects", to, *path[2:]))] = value
+            elif merged:
+                gone.append(f"{key} of {variant}")
         data["variants"][variant] = made
     return data, gone
 

@@ -11,8 +11,7 @@ import shlex
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from secrets import token_hex
@@ -24,23 +23,16 @@ from physgen.export.video import Format
 from physgen.problems import InputError
 
 Data = dict[str, Any]
-Send = Callable[[Data], None]
 
 MAX_LINES = 50
 """Lines of stderr that are kept."""
 STOP_PATIENCE = 10.0
 """s that a run may take to end cleanly once it is stopped."""
-EVENT_INTERVAL = 0.1
-"""s between two events."""
 STAGES = {
     "compile": ("reading the scene", 0, 2),
     "simulate": ("simulating", 2, 20),
     "render": ("drawing frames", 20, 95),
     "refine": ("retouching frames", 30, 97),
-    "fan": ("drawing the fan", 0, 0),
-    "chaos": ("estimating how long the motion is predictable", 0, 0),
-    "export": ("writing labels", 0, 0),
-    "gallery": ("making the gallery", 0, 0),
 }
 """For each stage its words, and the percent of a clip at which it begins and ends."""
 VIDEOS = ("video.mp4", "video.webp", "video.gif")
@@ -61,16 +53,13 @@ IDLE: Data = {
 class RenderJob:
     """Renders one scene file into one folder, one run at a time; its methods may be called from any thread."""
 
-    def __init__(
-        self, path: Path, output: Path, allow_outside: bool = False, send: Send = lambda event: None
-    ) -> None:
+    def __init__(self, path: Path, output: Path, allow_outside: bool = False) -> None:
         self.path, self.output, self.allow_outside = path, output, allow_outside
-        self._send, self._lock = send, Lock()
+        self._lock = Lock()
         self._process: subprocess.Popen[str] | None = None
         self._thread: Thread | None = None
         self._stopped = False
-        self._sent = 0.0
-        self._status: Data = {**IDLE, "lines": []}
+        self._status: Data = {**IDLE}
 
     def status(self) -> Data:
         """`state` is idle, running, done, stopped or failed; `done` of `total` percent, over all clips."""
@@ -83,8 +72,7 @@ class RenderJob:
 
     def file(self, name: str) -> Path | None:
         """A file of this run's results by its path below the output folder; None where there is no such file."""
-        with self._lock:
-            folders = [row["folder"] for row in self._status["result"] or ()]
+        folders = [row["folder"] for row in self.status()["result"] or ()]
         try:
             path, root = (self.output / name).resolve(), self.output.resolve()
             inside = any(path.is_relative_to((root / folder).resolve()) for folder in folders)
@@ -101,31 +89,29 @@ class RenderJob:
             raise impossible("no variant is chosen", "choose at least one")
         if not set(format.split(",")) <= {one.value for one in Format}:
             raise impossible("the format is not known", "choose mp4, gif, webp or png")
+        commands = [self._arguments(variant, format, refine) for variant in wanted]
         with self._lock:
-            if self._status["state"] == "running":
+            if self._status["running"]:
                 raise EditError(Why.STALE, "a run is under way", "wait for it, or stop it")
-            commands = [self._arguments(variant, format, refine) for variant in wanted]
             self._stopped = False
+            job = token_hex(8)
             self._status = {
                 **IDLE,
-                "job": token_hex(8),
+                "job": job,
                 "state": "running",
                 "running": True,
                 "stage": "starting",
                 "total": 100 * len(wanted),
-                "lines": [],
                 "command": " && ".join(shlex.join(["physgen", *command]) for command in commands),
             }
-            job: str = self._status["job"]
             self._thread = Thread(target=self._run, args=(commands, wanted), daemon=True)
             self._thread.start()
-        self._announce(now=True)
         return job
 
     def stop(self) -> None:
         """End the run cleanly, without half-written files. Returns once it has ended."""
         with self._lock:
-            self._stopped = self._status["state"] == "running"
+            self._stopped = self._status["running"]
             process, thread = self._process, self._thread
         if process is not None:
             with suppress(ProcessLookupError):
@@ -136,12 +122,6 @@ class RenderJob:
                 process.kill()
         if thread is not None:
             thread.join(STOP_PATIENCE)
-
-    def wait(self, seconds: float | None = None) -> Data:
-        """The status once the run has ended, or after some seconds."""
-        if self._thread is not None:
-            self._thread.join(seconds)
-        return self.status()
 
     def _arguments(self, variant: str | None, format: str, refine: bool) -> list[str]:
         found = ["render", str(self.path), "-o", str(self.output)]
@@ -166,16 +146,15 @@ class RenderJob:
                 break
             try:
                 code = self._run_one(k, command, variant)
-                error = self._failure(code) if code and not self._stopped else None
+                error = self._failure(code) if code else None
             except OSError as failure:
                 error = {"message": f"cannot be started: {failure.strerror or failure}", "fix": ""}
         with self._lock:
             state = "stopped" if self._stopped else "failed" if error else "done"
             self._process = None
-            self._status |= {"state": state, "running": False, "stage": "", "error": error}
-            if state == "done":
-                self._status["done"] = self._status["total"]
-        self._announce(now=True)
+            done = self._status["total"] if state == "done" else self._status["done"]
+            error = None if self._stopped else error
+            self._status |= {"state": state, "running": False, "stage": "", "error": error, "done": done}
 
     def _run_one(self, k: int, command: Sequence[str], variant: str | None) -> int:
         """Run one command to its end; returns its exit code."""
@@ -207,23 +186,21 @@ class RenderJob:
         for line in stream:
             found = _json(line)
             with self._lock:
-                if "progress" not in found:
-                    kept = (
-                        [*self._status["lines"], line.rstrip("\n")] if line.strip() else self._status["lines"]
-                    )
-                    self._status["lines"] = kept[-MAX_LINES:]
-                    continue
-                stage = str(found["progress"])
-                words, begin, end = STAGES.get(stage, (stage, 0, 0))
-                part = begin + (end - begin) * float(found["done"]) / max(float(found["total"]), 1.0)
-                self._status["stage"] = words
-                self._status["done"] = max(self._status["done"], round(100 * k + min(part, 99.0), 1))
-            self._announce()
+                if "progress" in found:
+                    stage = str(found["progress"])
+                    words, begin, end = STAGES.get(stage, (stage, 0, 0))
+                    part = begin + (end - begin) * float(found["done"]) / max(float(found["total"]), 1.0)
+                    self._status["stage"] = words
+                    self._status["done"] = max(self._status["done"], round(100 * k + min(part, 99.0), 1))
+                elif line.strip():
+                    self._status["lines"] = [*self._status["lines"], line.rstrip("\n")][-MAX_LINES:]
 
     def _add_result(self, found: Data, variant: str | None) -> None:
         """A clip that is complete."""
-        if "clip" in found and found.get("folder"):
-            folder = Path(found["folder"])
+        if "clip" not in found or not found.get("folder"):
+            return
+        folder = Path(found["folder"])
+        with self._lock:
             row = {
                 "variant": variant,
                 "folder": Path(os.path.relpath(folder, self.output)).as_posix(),
@@ -232,26 +209,15 @@ class RenderJob:
                 "seconds": found.get("seconds"),
                 "state": found.get("state"),
             }
-            with self._lock:
-                self._status["result"] = [*(self._status["result"] or ()), row]
-                self._status["done"] = max(self._status["done"], 100 * len(self._status["result"]))
-        self._announce(now=True)
+            self._status["result"] = [*(self._status["result"] or ()), row]
+            self._status["done"] = max(self._status["done"], 100 * len(self._status["result"]))
 
     def _failure(self, code: int) -> Data:
         """The last message of a run."""
-        with self._lock:
-            lines = [line for line in self._status["lines"] if "warning:" not in line]
+        lines = [line for line in self.status()["lines"] if "warning:" not in line]
         message = lines[-1] if lines else f"the run ended with exit code {code}"
         text, _, fix = message.partition("; ")
         return {"message": text, "fix": fix}
-
-    def _announce(self, *, now: bool = False) -> None:
-        """Send the status to all windows, not too often."""
-        with self._lock:
-            if not now and time.monotonic() - self._sent < EVENT_INTERVAL:
-                return
-            self._sent = time.monotonic()
-        self._send({"type": "render", **self.status()})
 
 
 def _json(line: str) -> Data:

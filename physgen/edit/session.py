@@ -1,33 +1,106 @@
-"""One editing session: the scene's state for the page, edits, undo, redo and saving, safe to call from any thread."""
+"""One editing session of a scene file: its states, edits, undo, redo and saving, safe to call from any thread."""
 
 from __future__ import annotations
 
-import logging
+import codecs
+import os
 import shutil
 import threading
+import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from physgen.edit.document import Document
-from physgen.edit.errors import EditError, Why
-from physgen.edit.history import State
-from physgen.edit.live import Live
-from physgen.edit.operations import edited
-from physgen.edit.picture import Pictures, photo_png
-from physgen.edit.yaml_edit import without_guess_comments
-from physgen.edit.yaml_tree import marked
-from physgen.files import Stamp, file_stamp
-
-_log = logging.getLogger(__name__)
+from physgen.edit.draft import Draft, Unsaved, copy_maps, draft_folder, has_maps, install, write_durably
+from physgen.edit.errors import EditError, Why, impossible
+from physgen.edit.live import Live, Pictures, mask_png, photo_png
+from physgen.edit.operations import Op, SetOp, edited
+from physgen.edit.yaml_edit import marked, without_guess_comments
+from physgen.files import back_up, file_stamp
+from physgen.problems import InputError
+from physgen.scene.document import MAX_BYTES, decode
+from physgen.scene.files import MAPS, RefusedError, confined, scene_bytes
 
 WATCH_INTERVAL = 0.1
 """s between looks at the file; a change is read when the file stayed the same for one."""
+PAUSE = 5.0
+"""s after which an edit is a step of its own, whatever its tag."""
+MAX_STEPS = 200
+"""Steps that can be undone; the oldest are forgotten."""
+BY_OTHERS = "changed by another program"
+"""What the history calls a state that another program wrote."""
+LOOK_KEYS = ("problems", "todo", "scene", "derived", "motion", "picture")
 
 Data = dict[str, Any]
 Send = Callable[[Data], None]
-"""Sends an event to all windows: `{"type": "version", ...}`."""
+"""Sends an event to all pages: `{"type": "version", ...}`."""
+
+
+@dataclass(frozen=True)
+class State:
+    """What an edit changes: the file's text, and which copy of its maps belongs to it."""
+
+    text: str
+    maps: int = 0
+    """Number of the folder of maps in the draft; 0: those that the scene had in the beginning."""
+    what: str = ""
+    """The edit that led here, for the undo button: `push cue-ball`."""
+    tag: str | None = None
+    """Consecutive edits with the same tag are one step, unless one was saved or a pause passed."""
+    time: float = 0.0
+    """s since 1970."""
+
+
+class History:
+    """The states, which of them is present, and a version that counts all changes of that."""
+
+    def __init__(self, states: Sequence[State]) -> None:
+        self._states = list(states)
+        self._at = len(self._states) - 1
+        self.version = 1
+
+    @property
+    def now(self) -> State:
+        """The present state."""
+        return self._states[self._at]
+
+    @property
+    def undo(self) -> str | None:
+        """What would be undone; None at the beginning."""
+        return self.now.what if self._at else None
+
+    @property
+    def redo(self) -> str | None:
+        """What would be done again; None at the end."""
+        return self._states[self._at + 1].what if self._at + 1 < len(self._states) else None
+
+    def push(self, state: State) -> None:
+        """Add a state; what was undone before is forgotten. With the tag of the present state, its step grows."""
+        alike = state.tag is not None and self.now.tag == state.tag and self._at > 0
+        if alike and state.time - self.now.time < PAUSE:
+            self._at -= 1
+        self._states[self._at + 1 :] = [state]
+        del self._states[: -MAX_STEPS - 1]
+        self._at = len(self._states) - 1
+        self.version += 1
+
+    def beside(self, by: int) -> State:
+        """The state before (-1) or after (1) the present one. Raises EditError."""
+        if not 0 <= self._at + by < len(self._states):
+            raise impossible(f"there is nothing to {'undo' if by < 0 else 'redo'}", "edit something first")
+        return self._states[self._at + by]
+
+    def step(self, by: int) -> None:
+        """Go to the state `beside`."""
+        self._at += by
+        self.end_step()
+        self.version += 1
+
+    def end_step(self) -> None:
+        """Make the next edit a step of its own."""
+        self._states[self._at] = replace(self.now, tag=None)
 
 
 @dataclass(frozen=True)
@@ -38,11 +111,6 @@ class EditRequest:
     variant: str | None = None
     what: str = ""
     tag: str | None = None
-    id: str | None = None
-    """Of the request: one that is sent again, as its answer was lost, is not carried out twice."""
-
-
-LOOK_KEYS = ("problems", "todo", "scene", "derived", "motion", "picture")
 
 
 class Session:
@@ -53,59 +121,92 @@ class Session:
 
     def __init__(self, path: Path, allow_outside: bool = False, send: Send = lambda event: None) -> None:
         self.path, self.allow_outside = path, allow_outside
+        self.real = Path(os.path.realpath(path))
         self._send = send
         self._edits = threading.RLock()
-        self._windows = 0
         self._names: list[str] = []
-        self._unread = False
-        """Whether another program changed the file, and that could not be read yet."""
-        self.document = Document(path, allow_outside)
+        self.outside: str | None = None
+        """`changed` or `gone`: what another program did to the file, where that is still to be resolved."""
+        gone = not self.real.exists() and (draft_folder(path) / "draft.json").is_file()
+        data = b"" if gone else scene_bytes(path, str(path))  # the draft still holds it
+        text = decode(data, str(path))
+        self._bom, self._crlf = data.startswith(codecs.BOM_UTF8), "\r\n" in text
+        self.draft = Draft(path)
+        try:
+            found = self.draft.load()
+        except InputError:
+            self.draft.close({0})
+            raise
+        self.saved = State(text)
+        """What the file held when it was read or written last."""
+        states = [self.saved]
+        if found is not None and (found.text, found.maps) != (found.saved, found.saved_maps):
+            self.saved = State(found.saved, found.saved_maps)
+            states = [State(found.saved if gone else text, found.saved_maps)]
+            states.append(State(found.text, found.maps, "the edits of last time"))
+        self.history = History(states)
+        self._look_outside()
+        self.recovered = not self.is_saved
+        """Whether it continues what an editor left that ended before everything was saved."""
         self.live = Live(path, allow_outside)
         self.pictures = Pictures(self.live)
-        self._watch = Watch(self.document.real, self._look_outside)
+        self._watch = Watch(self.real, self.look_outside)
         self._watch.start()
 
     @property
-    def recovered(self) -> bool:
-        """Whether it continues a draft that was not saved."""
-        return self.document.recovered
+    def now(self) -> State:
+        """The present state."""
+        return self.history.now
+
+    @property
+    def is_saved(self) -> bool:
+        """Whether the file holds the present state."""
+        return self._nothing_made and self.outside != "gone"
+
+    @property
+    def _nothing_made(self) -> bool:
+        return (self.now.text, self.now.maps) == (self.saved.text, self.saved.maps)
 
     def close(self) -> Path | None:
         """End. Returns the draft's folder where something is not saved."""
         self._watch.end()
         with self._edits:
-            return self.document.close()
+            if self.is_saved:
+                self.draft.close(())
+                return None
+            self.draft.close({self.now.maps, self.saved.maps})
+            return self.draft.folder
+
+    # What the page shows
 
     def state(self, variant: str | None = None) -> Data:
-        """What the page shows; see `api.State`."""
+        """All that the page shows of the present state, in a variant or in the file itself."""
         with self._edits:
-            document, history = self.document, self.document.history
-            now, maps = document.now, document.maps(document.now)
+            history = self.history
+            text, maps = self._present()
             known: Data = {
                 "version": history.version,
-                "id": document.ids[-1] if document.ids else None,
                 "file": {
                     "name": self.path.name,
                     "folder": str(self.path.absolute().parent),
-                    "saved": document.is_saved,
-                    "outside": "unread" if self._unread else document.outside,
-                    "recovered": document.recovered,
+                    "saved": self.is_saved,
+                    "outside": self.outside,
+                    "recovered": self.recovered,
                 },
-                "windows": self._windows,
-                "text": now.text,
+                "text": text,
                 "variant": variant,
                 "variants": self.variants(),
                 "undo": history.undo,
                 "redo": history.redo,
                 "made": None,
             }
-        look = self.live.look(now.text, maps, variant)
+        look = self.live.look(text, maps, variant)
         return known | {name: getattr(look, name) for name in LOOK_KEYS}
 
     def variants(self) -> list[str]:
         """Names of the variants; of a text with errors, those that it had before."""
         try:
-            node = marked(self.document.now.text).child("variants")
+            node = marked(self.now.text).child("variants")
         except EditError:
             return self._names
         self._names = [key for key, _, _ in node.keys] if node is not None and node.is_map else []
@@ -113,48 +214,51 @@ class Session:
 
     def photo(self) -> bytes:
         """PNG of the photo. Raises InputError."""
-        text, maps = self._present()
+        with self._edits:
+            text, maps = self._present()
         return photo_png(self.live.state(text, maps, None))
 
     def mask(self, variant: str | None, name: str) -> bytes:
         """PNG of the photo's size: 255 where an object is. Raises EditError."""
-        from physgen.edit.corrections import mask_png
-
-        text, maps = self._present()
-        return mask_png(self.live, text, maps, name, variant)
+        with self._edits:
+            text, maps = self._present()
+        return mask_png(self.live.state(text, maps, variant), name)
 
     def _present(self) -> tuple[str, Path | None]:
-        with self._edits:
-            return self.document.now.text, self.document.maps(self.document.now)
+        """The text and the folder of its maps; None: the scene's own, which another program may change."""
+        now = self.now
+        return now.text, None if now.maps == self.saved.maps else self.draft.maps(now.maps)
 
-    def edit(self, request: EditRequest, ops: Sequence[Mapping[str, Any]]) -> Data:
+    # Edits
+
+    def edit(self, request: EditRequest, ops: Sequence[Op | Mapping[str, Any]]) -> Data:
         """Make operations, all or none. Raises EditError."""
         with self._edits:
-            if self._is_new(request):
-                now = self._current(request)
-                made = edited(now.text, ops, request.variant, self.path, self.allow_outside)
-                text = made.text
-                if not request.variant:
-                    text = without_guess_comments(text, [op.get("set", ()) for op in ops])
-                self._push(request, State(text, now.maps, request.what or made.what))
+            now = self._current(request)
+            made = edited(now.text, ops, request.variant, self.path, self.allow_outside)
+            text = made.text
+            if not request.variant:
+                text = without_guess_comments(text, [op.set for op in ops if isinstance(op, SetOp)])
+            self._push(request, text, now.maps, made.what)
         return self.state(request.variant)
 
-    def preview(self, request: EditRequest, ops: Sequence[Mapping[str, Any]]) -> Data:
+    def preview(self, request: EditRequest, ops: Sequence[Op | Mapping[str, Any]]) -> Data:
         """The motion that operations would give, without making them. Raises EditError."""
         with self._edits:
-            now = self._current(request)
-            maps = self.document.maps(now)
-        made = edited(now.text, ops, request.variant, self.path, self.allow_outside)
+            self._current(request)
+            text, maps = self._present()
+        made = edited(text, ops, request.variant, self.path, self.allow_outside)
         look = self.live.look(made.text, maps, request.variant, motion_only=True)
         return {"motion": look.motion, "problems": look.problems}
 
     def write(self, request: EditRequest, text: str) -> Data:
         """Replace the text, by a valid one or not. Raises EditError."""
         with self._edits:
-            if self._is_new(request):
-                now = self._current(request)
-                text = self.document.with_line_ends(text)
-                self._push(request, State(text, now.maps, request.what or "edit the YAML"))
+            now = self._current(request)
+            text = text.removeprefix("\ufeff")
+            if self._crlf and "\r" not in text:  # fields of a page have no carriage returns
+                text = text.replace("\n", "\r\n")
+            self._push(request, text, now.maps, "edit the YAML")
         return self.state(request.variant)
 
     def correct(self, request: EditRequest, op: Mapping[str, Any]) -> Data:
@@ -162,29 +266,13 @@ class Session:
         from physgen.edit.corrections import correct
 
         with self._edits:
-            if not self._is_new(request):
-                return self.state(request.variant)
-            self._current(request)
-            self.document.restore_draft()
-            now, draft = self.document.now, self.document.draft
-            self.document.note_maps()
-            number, maps = draft.new_maps(), self.document.maps(now)
-        out = draft.maps(number)
-        try:
-            made = correct(self.live, now.text, maps, dict(op), out)  # which may take seconds
-        except Exception:
-            with self._edits:
-                self._current(request)  # the maps of a state that is gone may be gone, too
-            raise
-        with self._edits:
+            now = self._current(request)
+            text, maps = self._present()
+            number = self.draft.new_maps()
+            out = self.draft.maps(number)
             try:
-                self._current(request)
-                if draft.is_gone():
-                    raise EditError(Why.STALE, "the draft was removed meanwhile", "do it again")
-                if out.is_dir():
-                    draft.keep_maps(out)
-                kept = number if out.is_dir() else now.maps
-                self._push(request, State(made.text, kept, request.what or made.what))
+                made = correct(self.live, text, maps, op, out)
+                self._push(request, made.text, number if out.is_dir() else now.maps, made.what)
             except BaseException:
                 shutil.rmtree(out, ignore_errors=True)
                 raise
@@ -193,14 +281,47 @@ class Session:
     def step(self, request: EditRequest, by: int) -> Data:
         """Undo (-1) or redo (1). Raises EditError."""
         with self._edits:
-            if self._is_new(request):
-                self._current(request)
-                self.document.step(by, request.id)
-                self._changed()
+            self._current(request)
+            self._store(self.history.beside(by))
+            self.history.step(by)
+            self._changed()
         return self.state(request.variant)
 
+    def _current(self, request: EditRequest) -> State:
+        version = self.history.version
+        if request.version != version:
+            message = f"version {request.version} is not the present one, {version}"
+            fix = "ask for the state and edit again"
+            raise EditError(Why.STALE, message, fix, {"version": version})
+        return self.now
+
+    def _push(self, request: EditRequest, text: str, maps: int, what: str) -> None:
+        if (text, maps) == (self.now.text, self.now.maps):
+            return
+        if len(text.encode()) > MAX_BYTES:
+            message = "the file would be larger than 8 MiB"
+            raise EditError(Why.TOO_LARGE, message, "keep pixels in image files")
+        tag = None if request.tag is None else f"{request.variant or ''} {request.tag}"
+        self._add(State(text, maps, request.what or what, tag, time.time()))
+        self._changed()
+
+    def _add(self, state: State) -> None:
+        """A new state. Raises OSError: then it is not added."""
+        self._store(state)
+        self.history.push(state)
+
+    def _store(self, state: State) -> None:
+        """Write a state to the draft before it is answered."""
+        saved = self.saved
+        self.draft.store(Unsaved(text=state.text, maps=state.maps, saved=saved.text, saved_maps=saved.maps))
+
+    def _changed(self) -> None:
+        self._send({"type": "version", "version": self.history.version, "saved": self.is_saved})
+
+    # The file
+
     def save(self, request: EditRequest, resolve: str | None = None) -> Data:
-        """Write the file; `resolve` says whose text stands where another program changed it, too. Raises EditError."""
+        """Write the file; `resolve` chooses `mine` or `theirs` where another program changed it. Raises EditError."""
         with self._edits:
             self._current(request)
             self._save(resolve)
@@ -211,62 +332,131 @@ class Session:
         with self._edits:
             if version is not None:
                 self._current(EditRequest(version))
-            if not self.document.is_saved:
+            if not self.is_saved:
                 self._save(None)
 
     def _save(self, resolve: str | None) -> None:
         try:
-            self.document.save(resolve)
-        finally:
-            self._changed()  # what another program wrote may be taken in though the file is not written
-
-    def _is_new(self, request: EditRequest) -> bool:
-        return request.id is None or request.id not in self.document.ids
-
-    def _current(self, request: EditRequest) -> State:
-        version = self.document.history.version
-        if request.version != version:
-            message = f"version {request.version} is not the present one, {version}"
-            fix = "ask for the state and edit again"
-            raise EditError(Why.STALE, message, fix, {"version": version})
-        return self.document.now
-
-    def _push(self, request: EditRequest, state: State) -> None:
-        now = self.document.now
-        if (state.text, state.maps) != (now.text, now.maps):
-            tag = None if request.tag is None else f"{request.variant or ''} {request.tag}"
-            self.document.push(State(state.text, state.maps, state.what, tag, request.id))
-            self._changed()
-
-    def count_windows(self, count: int) -> None:
-        """Note the number of open windows."""
-        self._windows = count
-
-    def _changed(self) -> None:
-        saved = self.document.is_saved
-        self._send({"type": "version", "version": self.document.history.version, "saved": saved})
-
-    def _look_outside(self) -> None:
-        with self._edits:
-            before, self._unread = self._unread, True
-            version = self.document.history.version
-            try:
-                outcome = self.document.look_outside()
-            except Exception:
-                if not before:
-                    self._send({"type": "file", "outcome": "failed", "version": version})
+            theirs = self._theirs()
+        except EditError:
+            if resolve != "mine":
                 raise
-            self._unread = False
-            version = self.document.history.version
-        if outcome is not None or before:
-            self._send({"type": "file", "outcome": outcome or "read", "version": version})
+            back_up(self.real)  # as NAME~: it cannot be a step of the history
+            theirs = None
+        if resolve == "theirs":
+            self._take(theirs)
+        else:
+            if theirs is not None and theirs != self.saved.text:
+                if resolve is None:
+                    self.outside = "changed"
+                    message = "another program changed the file"
+                    raise EditError(Why.STALE, message, "reload it, or overwrite it", {"conflict": True})
+                mine = self.now  # theirs is one undo away
+                self._add(State(theirs, mine.maps, BY_OTHERS))
+                self._add(replace(mine, what="keep mine over another program's", tag=None))
+            self._write()
+        self._changed()
+
+    def _take(self, theirs: str | None) -> None:
+        """Make the text on the disk the newest state. Raises EditError."""
+        if theirs is None:
+            raise impossible("the file is gone", "save, and it is there again")
+        if (theirs, self.saved.maps) != (self.now.text, self.now.maps):
+            self._add(State(theirs, self.saved.maps, BY_OTHERS))
+        self._set_saved(State(theirs, self.saved.maps))
+
+    def _set_saved(self, saved: State) -> None:
+        self.saved, self.outside = saved, None
+        self.history.end_step()
+        self.draft.clear()
+
+    def _write(self) -> None:
+        """Write maps and text, both or neither."""
+        now = self.now
+        if now.maps == self.saved.maps:
+            self._write_text()
+        else:
+            folder = _assets(now.text, self.path.absolute().parent, self.allow_outside)
+            if folder is None:
+                raise impossible("the text names no folder for its maps", "write assets: and a folder's name")
+            own = None
+            with suppress(EditError):
+                own = _assets(self.saved.text, self.path.absolute().parent, self.allow_outside)
+            if folder != own and has_maps(folder):
+                fix = "name a folder that is not there yet, or that which the scene had"
+                raise impossible(f"assets: {folder.name} holds maps of something else", fix)
+            before = self.draft.maps(self.saved.maps)
+            copy_maps(own, before)  # for an undo
+            try:
+                install(self.draft.maps(now.maps), folder)
+                self._write_text()
+            except OSError:
+                with suppress(OSError):
+                    install(before, folder)
+                raise
+        self._set_saved(State(now.text, now.maps))
+
+    def _write_text(self) -> None:
+        write_durably(self.real, (codecs.BOM_UTF8 if self._bom else b"") + self.now.text.encode())
+
+    def look_outside(self) -> None:
+        """Take in what another program did to the file."""
+        with self._edits:
+            outcome = self._look_outside()
+            if outcome is not None:
+                self._send({"type": "file", "outcome": outcome, "version": self.history.version})
+
+    def _look_outside(self) -> str | None:
+        """`taken`, `clash`, `gone`, or None for no change: what was not edited here is taken in."""
+        try:
+            theirs = self._theirs()
+        except EditError:
+            self.outside = "changed"
+            return "clash"
+        before = self.outside
+        if theirs is None:
+            self.outside = "gone"
+            return "gone" if before != "gone" else None
+        if theirs == self.saved.text:
+            self.outside = None
+            return "taken" if before is not None else None
+        if self._nothing_made and before is None:
+            self._take(theirs)
+            return "taken"
+        self.outside = "changed"
+        return "clash"
+
+    def _theirs(self) -> str | None:
+        """The text of the file; None where it is gone. Raises EditError where it is not text."""
+        try:
+            with open(self.real, "rb") as stream:
+                return decode(stream.read(MAX_BYTES + 1), str(self.path))
+        except FileNotFoundError:
+            return None
+        except (InputError, OSError):
+            message = "another program wrote something that is no scene into the file"
+            raise EditError(Why.STALE, message, "put the file right, then save") from None
+
+
+def _assets(text: str, home: Path, allow_outside: bool) -> Path | None:
+    """The folder that a text names for its maps. Raises EditError where a scene may not read there."""
+    node = marked(text).child("assets")
+    if node is None or not isinstance(node.value, str):
+        return None
+    try:
+        folder = confined(node.value, home, home, allow_outside)
+    except RefusedError as error:
+        raise impossible(f"assets {error.expected}, so its maps are not written", error.fix) from None
+    for name in MAPS:
+        if (folder / f"{name}.png").is_symlink():
+            raise impossible(
+                f"{name}.png is a link to a file elsewhere", "put a copy in its place, then save"
+            )
+    return folder
 
 
 class Watch(threading.Thread):
-    """Watches one file until `end`; `changed` is called in this thread, after each change.
-
-    Where `changed` raises, that is logged once, and it is called again for the same change until it succeeds.
-    """
+    """Watches one file until `end`; `changed` is called in this thread, after each change, until it succeeds."""
 
     def __init__(self, path: Path, changed: Callable[[], None]) -> None:
         super().__init__(name="watch", daemon=True)
@@ -276,23 +466,16 @@ class Watch(threading.Thread):
 
     def run(self) -> None:
         """Until `end`."""
-        before: Stamp = self._seen
-        failed = False
+        before = self._seen
         while not self._ended.wait(WATCH_INTERVAL):
             now = file_stamp(self._path)
             if now != self._seen and now == before:
-                try:
+                with suppress(OSError):  # a full disk, say
                     self._changed()
-                except Exception as error:  # a full disk, say
-                    if not failed:
-                        _log.warning("%s: was changed, and could not be taken in: %s", self._path, error)
-                    failed = True
-                else:
-                    self._seen, failed = now, False
+                    self._seen = now
             before = now
 
     def end(self) -> None:
         """No further call once this returns."""
         self._ended.set()
-        if self.is_alive() and threading.current_thread() is not self:
-            self.join()
+        self.join()

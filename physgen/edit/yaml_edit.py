@@ -1,156 +1,252 @@
 """Changes of YAML text that keep all other lines and the comments as they are.
 
-Positions come from the parser; new values are written in the style of `physgen.scene.write`. After each change the
-text is read back: one that does not hold the intended data is never returned.
+Positions come from the parser of scenes, so that a position holds what the scene has there; new values are written in
+the style of `physgen.scene.write`. After each change the text is read back: one that does not hold the intended data
+is never returned.
 """
 
 from __future__ import annotations
 
 import re
-import textwrap
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
-from difflib import SequenceMatcher
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
+import yaml
+
 from physgen.edit.errors import EditError, impossible
-from physgen.edit.yaml_tree import (
-    BREAK,
-    Kind,
-    Marked,
-    Patch,
-    below,
-    checked,
-    entry,
-    find,
-    joint,
-    leads,
-    line_after,
-    line_before,
-    line_begin,
-    line_end,
-    marked,
-    newline,
-    parent_of,
-    reach,
-    same,
-)
+from physgen.problems import InputError
+from physgen.scene.document import Source, read, resolve
 from physgen.scene.schema import schema_at
 from physgen.scene.write import entry_lines, flow_text, key_text
 from physgen.text import KeyPath, dotted
 
-COMMENT_WIDTH = 100
-"""Columns of a comment."""
-MAX_ITEM_CHANGES = 40
-"""Items of a list that are changed one by one; with more, the list is written anew."""
-REASONS = {"mass": ("g: ",), "friction": ("friction", "ordinary friction"), "layer": ("in front: ",)}
-"""How comments of perception begin that give the reason of a value, by key; other comments are the user's."""
-UNSEEN_FRICTION = ("friction cannot be seen", "nobody can see friction")
-"""As perception writes it, and as it did in version 1."""
-GUESSES = {
-    "mass": ("g: ",),
-    "density": ("g: ",),
-    "friction": ("friction", "ordinary friction", "at least this much", *UNSEEN_FRICTION),
-    "layer": ("in front: ",),
-    "motion": ("cut off by the photo's border", "nothing that is seen keeps", "nothing visible"),
-    "pixels_per_meter": ("1 px = 1 cm", "from the ordinary size", "as given; masses", "as it was, for what"),
-    "view": ("side or top: ",),
-    "table": UNSEEN_FRICTION,
-}
-"""The same for all values that a user may set in place of a guess."""
+_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_NOWHERE = Path()
+
+Patch = tuple[int, int, str]
+"""First and last character of what is removed, and what replaces it."""
+BREAK = re.compile("\r\n|[\n\r\x85\u2028\u2029]")
 
 
-# Comments
+class Kind(Enum):
+    """What a value is, and how it is written."""
+
+    SCALAR = "scalar"
+    FLOW_MAP = "{}"
+    BLOCK_MAP = "mapping"
+    FLOW_LIST = "[]"
+    BLOCK_LIST = "list"
 
 
-@dataclass(frozen=True)
-class _Comment:
-    """The line of a key, counted from 0; `column`: of a comment behind it; `first`: line of one above it."""
+@dataclass
+class Marked:
+    """One value. `begin` and `end` are indices into the text; of a block, `end` is the end of its last value."""
 
-    line: int
-    column: int | None = None
-    first: int | None = None
+    kind: Kind
+    begin: int
+    end: int
+    column: int
+    value: Any = None
+    """Of a scalar."""
+    style: str = ""
+    """Of a scalar: `""` plain, or its quote, `|` or `>`."""
+    keys: list[tuple[str, int, int]] = field(default_factory=list)
+    """Of a mapping: each key, and where it stands."""
+    children: list[Marked] = field(default_factory=list)
+    """Values of a mapping, or items."""
+    _places: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def is_map(self) -> bool:
+        """Whether it holds keys."""
+        return self.kind in (Kind.FLOW_MAP, Kind.BLOCK_MAP)
+
+    @property
+    def is_list(self) -> bool:
+        """Whether it holds items."""
+        return self.kind in (Kind.FLOW_LIST, Kind.BLOCK_LIST)
+
+    @property
+    def is_flow(self) -> bool:
+        """Whether it is written in brackets."""
+        return self.kind in (Kind.FLOW_MAP, Kind.FLOW_LIST)
+
+    def place(self, key: str | int) -> int | None:
+        """Index of the child at a key or an index; None where there is none."""
+        if isinstance(key, int):
+            return key if self.is_list and 0 <= key < len(self.children) else None
+        if len(self._places) != len(self.keys):
+            self._places = {name: at for at, (name, _, _) in enumerate(self.keys)}
+        return self._places.get(key)
+
+    def child(self, key: str | int) -> Marked | None:
+        """The value of a key or an index."""
+        at = self.place(key)
+        return None if at is None else self.children[at]
+
+    def data(self) -> Any:
+        """The plain data."""
+        if self.is_map:
+            return {key: child.data() for (key, _, _), child in zip(self.keys, self.children, strict=True)}
+        if self.is_list:
+            return [child.data() for child in self.children]
+        return self.value
 
 
-def _comment(text: str, path: Sequence[str | int], starts: tuple[str, ...]) -> _Comment | None:
-    """The comment at a key that begins in one of these ways; None where the key has no line of its own."""
+@lru_cache(maxsize=4)
+def marked(text: str) -> Marked:
+    """The tree of a file's text. Raises EditError where it is not YAML of scenes, which can only be edited as text."""
     try:
-        node: Marked | None = marked(text)
+        read(text, Source("", _NOWHERE))
+    except InputError as error:
+        problem = error.problems[0]
+        where = f" (line {problem.place.line})" if problem.place.line else ""
+        reason = f"{problem.found} {problem.expected}".strip()
+        raise impossible(f"the file cannot be read{where}: {reason}", "correct the YAML, or undo") from None
+    return _marked(yaml.compose(text, Loader=_LOADER), text)
+
+
+def _marked(node: Any, text: str) -> Marked:
+    begin, end, column = node.start_mark.index, node.end_mark.index, node.start_mark.column
+    if isinstance(node, yaml.ScalarNode):
+        style = node.style if node.style in ("'", '"', "|", ">") else ""
+        if style in ("|", ">"):
+            end = begin + len(text[begin:end].rstrip())
+        value = node.value if style else resolve(node.value)
+        return Marked(Kind.SCALAR, begin, end, column, value, style)
+    flow = bool(node.flow_style)
+    if isinstance(node, yaml.MappingNode):
+        keys = [(key.value, key.start_mark.index, key.end_mark.index) for key, _ in node.value]
+        children = [_marked(child, text) for _, child in node.value]
+        kind = Kind.FLOW_MAP if flow else Kind.BLOCK_MAP
+    else:
+        keys, children = [], [_marked(child, text) for child in node.value]
+        kind = Kind.FLOW_LIST if flow else Kind.BLOCK_LIST
+    return Marked(kind, begin, end if flow else children[-1].end, column, keys=keys, children=children)
+
+
+def entry(text: str, parent: Marked, at: int) -> int:
+    """Start of the entry of a child: its key, or its dash."""
+    if parent.is_map:
+        return parent.keys[at][1]
+    if parent.is_flow:
+        return parent.children[at].begin
+    if at == 0:
+        return parent.begin
+    place = line_after(text, parent.children[at - 1].end)
+    while text[place : place + parent.column].strip(" ") or text[place + parent.column] != "-":
+        place = line_after(text, place)
+    return place + parent.column
+
+
+def line_before(text: str, place: int) -> int:
+    """The end of the line before the one that begins at `place`."""
+    return place - (2 if text[:place].endswith("\r\n") else 1)
+
+
+def line_begin(text: str, place: int) -> int:
+    """Where the line of a place begins."""
+    while place and not BREAK.match(text[place - 1]):
+        place -= 1
+    return place
+
+
+def line_end(text: str, place: int) -> int:
+    """Where the line of a place ends, before its break."""
+    found = BREAK.search(text, place)
+    return found.start() if found else len(text)
+
+
+def line_after(text: str, place: int) -> int:
+    """Where the next line begins."""
+    found = BREAK.search(text, place)
+    return found.end() if found else len(text)
+
+
+def leads(text: str, place: int) -> bool:
+    """Whether a place is the first of its line, apart from spaces."""
+    return not text[line_begin(text, place) : place].strip(" ")
+
+
+def newline(text: str) -> str:
+    """How the lines of a text end."""
+    found = BREAK.search(text)
+    return found[0] if found and found[0] in ("\r\n", "\r") else "\n"
+
+
+def below(text: str, place: int, lines: Sequence[str]) -> Patch:
+    """Lines after that of a place."""
+    stop, line = line_end(text, place), newline(text)
+    return stop, stop, line + line.join(lines)
+
+
+def joint(text: str, node: Marked, before: Marked) -> str:
+    """Separator of a new entry in brackets: with a line break where each entry has a line of its own."""
+    begin = node.keys[node.children.index(before)][1] if node.is_map else before.begin
+    if leads(text, begin) and line_begin(text, begin) > node.begin:
+        return "," + newline(text) + text[line_begin(text, begin) : begin]
+    return ", "
+
+
+def find(text: str, path: Sequence[str | int]) -> Marked:
+    """The value at a path. Raises EditError where there is none."""
+    node = marked(text)
+    for key in path:
+        child = node.child(key)
+        if child is None:
+            raise impossible(f"{dotted(tuple(path))} is not there", "ask for the state and edit again")
+        node = child
+    return node
+
+
+def same(one: Any, other: Any) -> bool:
+    """Whether two values are equal; true and 1 are not."""
+    if isinstance(one, dict) and isinstance(other, dict):
+        return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
+    if isinstance(one, list) and isinstance(other, list):
+        return len(one) == len(other) and all(map(same, one, other))
+    if isinstance(one, bool) or isinstance(other, bool):
+        return one is other
+    return bool(one == other)
+
+
+def parent_of(text: str, path: KeyPath) -> tuple[Marked, int]:
+    """The collection that holds what is at a path, and which of its children that is."""
+    parent = find(text, path[:-1])
+    at = parent.place(path[-1])
+    if at is None:
+        raise impossible(f"{dotted(path)} is not there", "ask for the state and edit again")
+    return parent, at
+
+
+def checked(text: str, patches: list[Patch], meant: Callable[[Any], Any]) -> str:
+    """The text with patches. Raises EditError where its data is not that which `meant` makes of the old data.
+
+    `meant` changes the data in place, or returns other data.
+    """
+    made = text
+    for begin, end, new in sorted(patches, reverse=True):
+        made = made[:begin] + new + made[end:]
+    data = marked(text).data()
+    whole = meant(data)
+    data = data if whole is None else whole
+    try:
+        if same(marked(made).data(), data):
+            return made
     except EditError:
-        return None
-    for key in path[:-1]:
-        node = None if node is None else node.child(key)
-    begin = None if node is None else next((at for name, at, _ in node.keys if name == path[-1]), None)
-    if begin is None or text[text.rfind("\n", 0, begin) + 1 : begin].strip():
-        return None
-    lines, line = text.split("\n"), text.count("\n", 0, begin)
-    behind = re.search(rf"\s+#\s+(?:{'|'.join(map(re.escape, starts))}).*$", lines[line])
-    if behind is not None:
-        return _Comment(line, column=behind.start())
-    first = line
-    while first and lines[first - 1].lstrip().startswith("#"):
-        first -= 1
-    ours = (k for k in range(first, line) if lines[k].lstrip(" #").startswith(starts))
-    return _Comment(line, first=next(ours, None))
+        pass
+    raise impossible("the YAML is written in a way that this cannot be written into", "edit the YAML beside")
 
 
-def with_reasons(text: str, reasons: Mapping[str, str], fresh: Collection[str] = ()) -> str:
-    """The text with other reasons in the comments of perception, by dotted path; other comments stay.
-
-    Objects that are `fresh` get comments where they have none.
-    """
-    for dotted_path, reason in reasons.items():
-        path = dotted_path.split(".")
-        starts = REASONS.get(path[-1])
-        found = None if starts is None else _comment(text, path, starts)
-        if found is None:
-            continue
-        lines = text.split("\n")
-        line = lines[found.line]
-        if found.first is not None:
-            indent = line[: len(line) - len(line.lstrip())]
-            wrapped = textwrap.wrap(reason, COMMENT_WIDTH - len(indent))
-            lines[found.first : found.line] = [f"{indent}# {part}" for part in wrapped]
-        elif found.column is not None or (path[1] in fresh and re.fullmatch(r"\s+\w+: [^#{]*", line)):
-            lines[found.line] = f"{line[: found.column]}  # {' '.join(reason.split())}"
-        text = "\n".join(lines)
-    return text
-
-
-def with_boundary_comments(text: str, remarks: Mapping[str, tuple[str, str]]) -> str:
-    """The text with other comments of perception behind the names of boundaries: by name, before and now.
-
-    >>> with_boundary_comments("boundaries:\\n  floor:  # below 3\\n    x: 1\\n", {"floor": ("below 3", "below 4")})
-    'boundaries:\\n  floor:  # below 4\\n    x: 1\\n'
-    """
-    head, key, walls = text.partition("\nboundaries:") if "\nboundaries:" in text else ("", "", text)
-    for name, (before, now) in remarks.items():
-        old = rf"  # {re.escape(before)}" if before else ""
-        new = f"  # {' '.join(now.split())}" if now else ""
-        found = re.search(rf"(?m)^  {re.escape(name)}:(?P<old>{old})$", walls)
-        if found is not None:
-            walls = walls[: found.start("old")] + new + walls[found.end("old") :]
-    return head + key + walls
-
-
-def without_guess_comments(text: str, paths: Sequence[Sequence[str | int]]) -> str:
-    """The text without perception's comments on values that a user has set now; other comments stay.
-
-    >>> without_guess_comments("world:\\n  # 1 px = 1 cm, as\\n  view: top\\n", [["world", "view"]])
-    'world:\\n  # 1 px = 1 cm, as\\n  view: top\\n'
-    """
-    for path in paths:
-        for k, key in enumerate(path):
-            if not isinstance(key, str) or key not in GUESSES or (k == 1 and path[0] != "world"):
-                continue
-            found = _comment(text, path[: k + 1], GUESSES[key])
-            lines = text.split("\n")
-            if found is not None and found.column is not None:
-                lines[found.line] = lines[found.line][: found.column]
-            elif found is not None and found.first is not None:
-                del lines[found.first : found.line]
-            text = "\n".join(lines)
-    return text
+def reach(data: Any, path: KeyPath) -> Any:
+    """The value at a path that exists."""
+    for key in path:
+        data = data[key]
+    return data
 
 
 # Values
@@ -274,10 +370,9 @@ def _replaced(text: str, path: KeyPath, value: Any) -> str:
         keys = {key for key, _, _ in node.keys}
         if not node.is_flow or (keys != value.keys() and keys & value.keys()):
             return _entries(text, path, node, value)
-    elif node.is_list and isinstance(value, list) and value and node.children:
-        steps = _steps(node.data(), value)
-        if (not node.is_flow or len(value) != len(node.children)) and _count(steps) <= MAX_ITEM_CHANGES:
-            return _items(text, path, steps, value)
+    is_filled_list = node.is_list and isinstance(value, list) and value and node.children
+    if is_filled_list and (not node.is_flow or len(value) != len(node.children)):
+        return _items(text, path, node.data(), value)
 
     def meant(data: Any) -> Any:
         if not path:
@@ -316,32 +411,18 @@ def _entries(text: str, path: KeyPath, node: Marked, value: dict[str, Any]) -> s
     return text
 
 
-Steps = list[tuple[int, int, int, int]]
-"""Runs of items that differ: where they begin and end in the old list, and in the new one."""
-
-
-def _steps(old: list[Any], new: list[Any]) -> Steps:
-    if len(old) == len(new):
-        pairs = zip(old, new, strict=True)
-        return [(at, at + 1, at, at + 1) for at, (one, other) in enumerate(pairs) if not same(one, other)]
-    matcher = SequenceMatcher(None, list(map(repr, old)), list(map(repr, new)), autojunk=False)
-    return [step[1:] for step in matcher.get_opcodes() if step[0] != "equal"]
-
-
-def _count(steps: Steps) -> int:
-    return sum(max(end - begin, last - first) for begin, end, first, last in steps)
-
-
-def _items(text: str, path: KeyPath, steps: Steps, new: list[Any]) -> str:
-    """A list item by item, from its end, so that numbers of items stay what they are."""
-    for begin, end, first, last in reversed(steps):
-        shared = min(end - begin, last - first)
-        for at in range(shared):
-            text = put(text, (*path, begin + at), new[first + at])
-        for at in range(shared, last - first):
-            text = insert(text, (*path, begin + at), new[first + at])
-        for at in reversed(range(begin + shared, end)):
-            text = drop(text, (*path, at))
+def _items(text: str, path: KeyPath, old: list[Any], new: list[Any]) -> str:
+    """A list item by item between its ends that stay; from the last, so that numbers of items stay what they are."""
+    most = min(len(old), len(new))
+    head = next((at for at in range(most) if not same(old[at], new[at])), most)
+    tail = next((at for at in range(most - head) if not same(old[-1 - at], new[-1 - at])), most - head)
+    shared = most - tail
+    for at in reversed(range(shared, len(old) - tail)):
+        text = drop(text, (*path, at))
+    for at in range(shared, len(new) - tail):
+        text = insert(text, (*path, at), new[at])
+    for at in range(head, shared):
+        text = put(text, (*path, at), new[at])
     return text
 
 
@@ -418,3 +499,53 @@ def _item(text: str, node: Marked, path: KeyPath, at: int, value: Any) -> Patch:
         return below(text, node.children[at - 1].end, lines)
     begin = entry(text, node, 0)
     return begin, begin, (newline(text).join(lines) + newline(text) + indent)[node.column :]
+
+
+# Comments of perception
+
+GUESSES = {
+    "mass": ("g: ",),
+    "density": ("g: ",),
+    "friction": ("friction", "ordinary friction", "at least this much"),
+    "layer": ("in front: ",),
+    "motion": ("cut off by the photo's border", "nothing that is seen keeps", "nothing visible"),
+    "pixels_per_meter": ("1 px = 1 cm", "from the ordinary size", "as given; masses", "as it was, for what"),
+    "view": ("side or top: ",),
+    "table": ("friction cannot be seen",),
+}
+"""How comments of perception begin that give the reason of a guess, by key; other comments are the user's."""
+
+
+def without_guess_comments(text: str, paths: Sequence[Sequence[str | int]]) -> str:
+    """The text without perception's comments on values that a user has set now; other comments stay.
+
+    >>> without_guess_comments("world:\\n  # 1 px = 1 cm, as\\n  view: top\\n", [["world", "view"]])
+    'world:\\n  # 1 px = 1 cm, as\\n  view: top\\n'
+    """
+    for path in paths:
+        for k, key in enumerate(path):
+            if isinstance(key, str) and key in GUESSES and (k != 1 or path[0] == "world"):
+                text = _without_comment(text, path[: k + 1], GUESSES[key])
+    return text
+
+
+def _without_comment(text: str, path: Sequence[str | int], starts: tuple[str, ...]) -> str:
+    """The text without the comment at a key, behind it or above it, that begins in one of these ways."""
+    try:
+        parent = find(text, path[:-1])
+    except EditError:
+        return text
+    begin = next((at for name, at, _ in parent.keys if name == path[-1]), None)
+    if begin is None or not leads(text, begin):
+        return text
+    lines, line = text.split("\n"), text.count("\n", 0, begin)
+    behind = re.search(rf"\s+#\s+(?:{'|'.join(map(re.escape, starts))}).*$", lines[line])
+    if behind is not None:
+        lines[line] = lines[line][: behind.start()]
+        return "\n".join(lines)
+    first = line
+    while first and lines[first - 1].lstrip().startswith("#"):
+        first -= 1
+    ours = (k for k in range(first, line) if lines[k].lstrip(" #").startswith(starts))
+    del lines[next(ours, line) : line]
+    return "\n".join(lines)

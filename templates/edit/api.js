@@ -8,8 +8,7 @@ if (address.searchParams.has("token")) {
   history.replaceState(null, "", address);
 }
 const token = sessionStorage.getItem(KEPT) || "";
-export const own = Math.random().toString(36).slice(2);
-const headers = { "X-Physgen-Token": token, "X-Physgen-Window": own };
+const headers = { "X-Physgen-Token": token };
 
 // An answer that is no: `status`, 0 where no server answers, and the `body` that says why.
 export class Refused extends Error {
@@ -46,29 +45,26 @@ export async function picture(path) {
 // What happens, asked for again and again as long as the page is open; `lost` and `found` when the server goes and comes
 // back. Not a stream that is held open: of those a browser has six for all windows together.
 const EVERY = 300, HIDDEN = 2000; // ms
-const news = (run, since) => ask("GET", `/api/events?run=${run}&since=${since}${document.visibilityState === "hidden" ? "&hidden=true" : ""}`);
+const news = (run, since) => ask("GET", `/api/events?run=${run}&since=${since}`);
 
 // Where the news begin: what comes after this goes to the listener that it returns, what came before is in the state.
 export async function beginning() {
-  let { run, next: since, events } = await news("", 0), there = true;
-  addEventListener("pagehide", () => fetch("/api/events?leaves=true", { headers, keepalive: true }).catch(() => {}));
+  let { run, next: since } = await news("", 0), there = true;
   return async function listen(hear) {
-    events.forEach(hear);
     for (;;) {
       await new Promise((done) => {
         const soon = setTimeout(done, document.visibilityState === "hidden" ? HIDDEN : EVERY);
         document.addEventListener("visibilitychange", () => { clearTimeout(soon); done(); }, { once: true });
       });
       try {
-        const found = await news(run, since), anew = found.run !== run;
-        if (there && anew) hear({ type: "lost" }); // another server, whose earlier events were not received
-        if (!there || anew) hear({ type: "found" });
+        const found = await news(run, since);
+        if (!there) hear({ type: "found" });
         [there, run, since] = [true, found.run, found.next];
         found.events.forEach(hear);
       } catch (refused) {
-        if (refused.status === 401) { hear({ type: "stranger", message: refused.message }); return; }
         if (refused.status === undefined) throw refused;
         if (there) { there = false; hear({ type: "lost" }); }
+        if (refused.status === 401) return; // another server: the page does not know its token
       }
     }
   };

@@ -1,10 +1,10 @@
 // The editor of one scene: its state, what is chosen, its tools and panels; everything else is a module that is given it.
 
-import { Refused, ask, beginning, own } from "./api.js";
+import { Refused, ask, beginning } from "./api.js";
 import { element, icon, part } from "./elements.js";
 
 const listeners = new Map(), tools = new Map(), panels = [];
-let queue = Promise.resolve(), wanted = null, asking = false, dragged = 0, count = 0, late = false, anew = false;
+let queue = Promise.resolve(), wanted = null, asking = false, dragged = 0, late = false;
 
 export const editor = {
   state: null,     // as the server knows it
@@ -23,11 +23,11 @@ export const editor = {
 
   // a state from the server -> everywhere
   take(state) {
-    if (!state || (editor.state && state.version < editor.state.version && !anew)) return editor.state;
+    if (!state || (editor.state && state.version < editor.state.version)) return editor.state;
     const before = editor.state, variant = state.variant ?? null;
     if (before && variant !== (editor.variant ?? null)) return editor.refresh(); // of a tab that was left meanwhile
     if (variant !== null && !state.variants.includes(variant)) return editor.useVariant(null); // it was taken back
-    [editor.state, editor.variant, anew] = [state, variant, false];
+    [editor.state, editor.variant] = [state, variant];
     if (editor.selected && !named(editor.selected)) editor.choose(renamed(editor.selected));
     editor.tried = null;
     editor.emit("state", { state, before });
@@ -56,7 +56,7 @@ export const editor = {
     return queued("/api/edit", { ops, what, tag });
   },
   request: ask,
-  waiting: [],     // edits that are not answered yet: {id, path, variant, body}
+  waiting: [],     // edits that are not answered yet: {path, variant, body}
   get pending() { return editor.waiting.length; },
   maskOp(op) { return queued("/api/mask", { op }); },
   // a text, or what gives it when its turn has come
@@ -66,8 +66,6 @@ export const editor = {
   save(resolve = null) { return queued("/api/save", { resolve }); },
   // all that waits is answered
   async idle() { while (editor.pending) await queue; },
-  // what waited in another window, under its own id: one that was made there is not made twice
-  again({ path, body, id, variant }) { return queued(path, body, { id, variant }); },
 
   // what the scene would do; only the newest is asked for
   preview(ops) {
@@ -166,48 +164,35 @@ function renamed(entry) {
 }
 export const pathOf = ({ kind, name }) => (kind === "light" ? ["light"] : [PLACES[kind], name]);
 
-// while the server is away the first waits, and the others behind it
-let linked = true;
+let linked = true; // whether the server answers
 function link(up) {
   if (up === linked) return;
   linked = up;
-  if (up) anew = true; // a server that began anew may count from the beginning
   editor.emit("link", { up });
-}
-// the server answers again, and has sent its state
-async function found() {
-  while (!linked || anew) {
-    if (linked && await editor.refresh().catch(() => null)) return;
-    await new Promise((done) => setTimeout(done, 400));
-    if (!linked) await ask("GET", "/api/render").then(() => link(true), ({ status }) => { if (status && status !== 401) link(true); });
-  }
+  if (up) editor.refresh().catch(() => {});
 }
 
-// Each carries an id, by which one whose answer was lost is known to have been made.
-function queued(path, body, { id = `${own}-${(count += 1)}`, variant = editor.variant } = {}) {
-  const job = { id, path, variant, body };
-  if (linked && editor.waiting.some((other) => other.path === "/api/mask")) editor.say(`${DEEDS[path]} once the picture has followed`);
+// One after the other; what was made of an older version is made again on what is there now, if that means the same.
+function queued(path, body, variant = editor.variant) {
+  const job = { path, variant, body };
+  if (editor.waiting.some((other) => other.path === "/api/mask")) editor.say(`${DEEDS[path]} once the picture has followed`);
   if (path !== "/api/save") part("undo").disabled = false; // it can be asked for behind what waits
   editor.waiting.push(job);
   meant.set(job, editor.state);
   const done = queue.then(async () => {
     for (let tries = 0; ; tries += 1) {
-      if (anew) await found();
       try {
-        if (editor.state.id !== job.id && !stillMeant(job, meant.get(job), editor.state)) throw new Refused(409, ELSEWHERE);
-        const state = editor.state.id === job.id ? editor.state : await sent(job);
+        if (!stillMeant(job, meant.get(job), editor.state)) throw new Refused(409, ELSEWHERE);
+        const state = await sent(job);
         link(true);
         for (const later of editor.waiting) meant.set(later, state);
         return editor.take(state);
       } catch (refused) {
         const { status, body: why } = refused;
-        if (status === 0 || status === 401) { link(false); await found(); }
-        else if (status === 409 && !why.conflict && !why.maps && !why.elsewhere && tries < 4) await editor.refresh().catch(() => { anew = true; });
-        else {
-          if (why?.conflict) editor.emit("conflict", why.conflict);
-          else if (!why?.maps) editor.say(refused.message, "error");
-          throw refused;
-        }
+        if (status === 409 && !why.conflict && !why.elsewhere && tries < 4) { await editor.refresh(); continue; }
+        if (status === 0 || status === 401) link(false);
+        if (!why?.conflict) editor.say(refused.message, "error");
+        throw refused;
       }
     }
   }).finally(() => {
@@ -235,10 +220,9 @@ function stillMeant({ path, body }, before, after) {
   });
 }
 
-function sent({ id, path, variant, body }) {
+function sent({ path, variant, body }) {
   const made = Object.fromEntries(Object.entries(body).map(([key, value]) => [key, typeof value === "function" ? value() : value]));
-  const where = path === "/api/save" ? { variant } : { variant, id };
-  return ask(path === "/api/text" ? "PUT" : "POST", path, { version: editor.state.version, ...where, ...made });
+  return ask(path === "/api/text" ? "PUT" : "POST", path, { version: editor.state.version, variant, ...made });
 }
 
 // the answer knows what was undone: it could be done again now

@@ -15,7 +15,7 @@ export function ask(question) {
 // For a message that needs no choice.
 export const tell = (title, body) => ask({ title, body, choices: [{ value: true, label: "Close", main: true }] });
 
-function shown({ title, body, choices, input, wide }) {
+function shown({ title, body, choices, input }) {
   count += 1;
   const name = `dialog-${count}`;
   const field = input && element("input", { type: "text", id: `${name}-field`, value: input.value ?? "", autocomplete: "off", spellcheck: "false", maxlength: 200 });
@@ -27,7 +27,7 @@ function shown({ title, body, choices, input, wide }) {
     body && element("div.dialog-body", {}, ...(typeof body === "string" ? [element("p", {}, body)] : [body].flat())),
     field && element("p.dialog-field", {}, element("label", { for: field.id }, input.label), field, wrong),
     element("div.dialog-choices", {}, ...buttons));
-  const dialog = element(wide ? "dialog.ask.wide" : "dialog.ask", { "aria-labelledby": `${name}-title` }, form);
+  const dialog = element("dialog.ask", { "aria-labelledby": `${name}-title` }, form);
   document.body.append(dialog);
   const opener = document.activeElement;
   return new Promise((done) => {

@@ -97,7 +97,7 @@ export function start(editor) {
       await editor.refresh(); // it was saved
       look();
     } catch (refused) {
-      if (refused.body?.conflict || refused.body?.maps) editor.saving?.(); else wrong(refused.message);
+      if (refused.body?.conflict) editor.saving?.(); else wrong(refused.message);
     } finally {
       ordering = false;
       showCommand();
@@ -127,7 +127,6 @@ export function start(editor) {
     } catch { /* the banner reports a lost server */ }
     if (busy && mine === asked) looking = setTimeout(look, EVERY);
   }
-  editor.on("server", (event) => { if (event.type === "render") look(); });
 
   function shown(run) {
     const was = busy;
@@ -143,18 +142,18 @@ export function start(editor) {
     if (lines.textContent !== output) { lines.textContent = output; lines.scrollTop = lines.scrollHeight; }
     log.hidden = !output;
     if (!busy && run.error) { wrong([run.error.message, run.error.fix].filter(Boolean).join("; ")); log.open = true; }
-    if (!busy && run.result) came(run.result);
+    if (!busy && run.result) came(run);
     if (was && !busy) editor.say(run.result?.length ? "Rendered: see the Render panel" : run.state === "stopped" ? "Stopped" : run.error?.message ?? "Stopped");
     if (was !== busy) showCommand();
   }
 
   // the videos, each with its report
-  function came(found) {
-    const key = JSON.stringify(found);
+  function came({ job, result: found }) {
+    const key = JSON.stringify([job, found]);
     if (results.dataset.key === key && results.childElementCount) return;
     results.dataset.key = key;
     results.replaceChildren(...found.map(({ variant, folder, video, report }) => {
-      const name = variant ?? "the scene", address = (file) => folder + file;
+      const name = variant ?? "the scene", address = (file) => `/result/${job}/${folder}/${file}`;
       const film = !video ? null : /\.(gif|webp|png)$/.test(video) ? element("img", { src: address(video), alt: `Rendered: ${name}` })
         : element("video", { src: address(video), controls: true, loop: true, muted: true, playsinline: true, preload: "metadata", "aria-label": `Rendered: ${name}` });
       return element("figure", { class: "render-result" }, film, element("figcaption", {}, isolated(name), " ",

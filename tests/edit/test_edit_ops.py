@@ -17,7 +17,7 @@ from ruamel.yaml import YAML
 from physgen.edit import yaml_edit
 from physgen.edit.errors import EditError
 from physgen.edit.operations import edited
-from physgen.edit.yaml_tree import marked, same
+from physgen.edit.yaml_edit import marked, same
 from physgen.scene.document import Node, Source, plain, read
 from physgen.scene.load import Opened
 from physgen.scene.overlay import Edit, apply, edits_of_variant, variants_of

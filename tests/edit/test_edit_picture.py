@@ -13,9 +13,8 @@ import yaml
 from PIL import Image
 
 from physgen import pipeline
-from physgen.edit.live import Live
+from physgen.edit.live import Live, Pictures, photo_png
 from physgen.edit.operations import edited
-from physgen.edit.picture import Pictures, photo_png
 
 Copy = Callable[[str], Path]
 

@@ -23,6 +23,13 @@ def hashes(folder: Path) -> dict[str, Any]:
     return {"samples": manifest["samples"], "frames": manifest["frames"], "mark": manifest["mark"]}
 
 
+def ended(job: RenderJob) -> dict[str, Any]:
+    """The status once the run has ended."""
+    while job.status()["running"]:
+        time.sleep(0.05)
+    return job.status()
+
+
 def short(path: Path) -> Path:
     """Few frames: what is tested is not the drawing."""
     path.write_text(path.read_text() + "\n", encoding="utf-8")
@@ -35,23 +42,22 @@ def short(path: Path) -> Path:
 def test_it_makes_what_its_command_makes(copied: Copy, tmp_path: Path) -> None:
     """The line that it shows is typed by hand, into another folder: the same frames by their hashes."""
     path = short(copied("wall-ball"))
-    events: list[dict[str, Any]] = []
-    job = RenderJob(path, tmp_path / "out put", send=events.append)
+    job = RenderJob(path, tmp_path / "out put")
     name = job.start([None, "beach-ball"])
     with pytest.raises(EditError, match="under way"):
         job.start()
-    status = job.wait(120)
+    seen = []
+    while (status := job.status())["running"]:
+        seen.append((status["done"], status["stage"]))
+        time.sleep(0.02)
     assert (status["job"], status["state"], status["error"]) == (name, "done", None)
     assert status["done"] == status["total"] == 200
     assert [row["variant"] for row in status["result"]] == [None, "beach-ball"]
     for row in status["result"]:
         assert job.file(f"{row['folder']}/{row['video']}").read_bytes()[4:8] == b"ftyp"  # type: ignore[union-attr]
         assert job.file(f"{row['folder']}/report.html") is not None
-    told = [event["done"] for event in events]
-    assert told == sorted(told)
-    assert {event["type"] for event in events} == {"render"}
-    assert {"simulating", "drawing frames"} & {event["stage"] for event in events}
-    assert events[-1]["state"] == "done"
+    assert [done for done, _ in seen] == sorted(done for done, _ in seen)
+    assert {"simulating", "drawing frames"} & {stage for _, stage in seen}
     command = job.command("beach-ball")
     assert command in status["command"]
     typed = shlex.split(command)
@@ -73,7 +79,7 @@ def test_files_of_its_results_alone_are_given(copied: Copy, tmp_path: Path) -> N
     job = RenderJob(path, out)
     assert job.file("other/video.mp4") is None
     job.start(format="gif")
-    (row,) = job.wait(120)["result"]
+    (row,) = ended(job)["result"]
     assert row["video"] == "video.gif"
     folder = row["folder"]
     (out / folder / "way").symlink_to(tmp_path)
@@ -106,7 +112,7 @@ def test_what_goes_wrong_is_told(copied: Copy, tmp_path: Path) -> None:
     path.write_text(path.read_text().replace("physgen: 1", "physgen: 7"))
     job = RenderJob(path, tmp_path / "out")
     job.start()
-    status = job.wait(60)
+    status = ended(job)
     assert status["state"] == "failed"
     assert "is not a version" in status["error"]["message"]
     assert status["error"]["fix"]

@@ -14,8 +14,7 @@ from pathlib import Path
 import pytest
 from served import Served, document
 
-from physgen.edit.app import invited, part
-from physgen.edit.guard import BODY, Guard
+from physgen.edit.app import BODY, Guard, part
 from physgen.files import resource
 
 Serve = Callable[..., Served]
@@ -154,16 +153,15 @@ def test_the_page_holds_nothing_of_the_scene_and_nothing_from_elsewhere(serving:
 def test_a_browser_is_started_with_an_address_that_is_good_once(serving: Serve) -> None:
     served = serving("physics/05-slide")
     assert served.editor is not None
-    for once in (served.editor.once(), invited(served.address)):
-        assert served.token not in once  # the list of processes shows it to everybody
-        query = once.partition("?")[2]
-        first = served.client.get(f"/?{query}", headers={"X-Physgen-Token": ""})
-        assert (first.status_code, first.headers["location"]) == (303, f"/?token={served.token}")
-        again = served.client.get(f"/?{query}", headers={"X-Physgen-Token": ""})
-        assert again.status_code == 200
-        assert served.token not in again.text
+    once = served.editor.once()
+    assert served.token not in once  # the list of processes shows it to everybody
+    query = once.partition("?")[2]
+    first = served.client.get(f"/?{query}", headers={"X-Physgen-Token": ""})
+    assert (first.status_code, first.headers["location"]) == (303, f"/?token={served.token}")
+    again = served.client.get(f"/?{query}", headers={"X-Physgen-Token": ""})
+    assert again.status_code == 200
+    assert served.token not in again.text
     assert served.client.get("/?once=").status_code == 200
-    assert invited("http://127.0.0.1:9/?token=x") == "http://127.0.0.1:9/?token=x"
 
 
 OUT = [
@@ -368,7 +366,6 @@ def test_the_draft_is_its_owners_alone(serving: Serve) -> None:
     served = serving("physics/05-slide")
     folder = served.scene.with_name(".scene.yaml.editing")
     assert stat.S_IMODE(os.stat(folder).st_mode) == 0o700
-    assert stat.S_IMODE(os.stat(folder / "server.json").st_mode) == 0o600
 
 
 @pytest.mark.parametrize(

@@ -1,14 +1,12 @@
-"""One file and whoever else writes it: taken in, merged or asked about, saved whole with its rights."""
+"""One file and whoever else writes it: taken in or asked about, saved whole with its rights."""
 
 from __future__ import annotations
 
-import logging
 import os
 import re
 import shutil
 import stat
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,8 +19,7 @@ from served import Killable, Served
 
 from physgen.cli.edit import edit as _edit  # noqa: F401 the command imports without the server
 from physgen.cli.main import main
-from physgen.edit import corrections, document
-from physgen.edit.session import EditRequest, Watch
+from physgen.edit.session import Watch
 
 Serve = Callable[..., Served]
 
@@ -73,19 +70,6 @@ def test_what_another_program_writes_is_taken_in(serving: Serve) -> None:
     assert served.state["text"] != theirs
 
 
-def test_what_does_not_clash_is_merged(serving: Serve) -> None:
-    served = serving("billiards")
-    text = served.look()["text"]
-    served.edit({"set": ["objects", "cue-ball", "mass"], "value": 99})
-    with hearing(served, "file") as next_one:
-        served.scene.write_text(mass(text, 55, 5))
-        assert next_one()["outcome"] == "merged"
-    assert served.look()["text"] == mass(mass(text, 99), 55, 5)
-    assert not served.state["file"]["saved"]
-    served.send("/api/save")
-    assert served.scene.read_text() == served.state["text"]
-
-
 @pytest.mark.parametrize("resolve", ["mine", "theirs"])
 def test_what_clashes_is_asked_about_and_neither_is_lost(resolve, serving: Serve) -> None:
     served = serving("billiards")
@@ -98,13 +82,8 @@ def test_what_clashes_is_asked_about_and_neither_is_lost(resolve, serving: Serve
     assert served.look()["file"]["outside"] == "changed"
     answer = served.send("/api/save")
     assert answer.status_code == 409
-    conflict = answer.json()["conflict"]
-    assert conflict["theirs"] == theirs
-    (clash,) = conflict["clashes"]
-    assert ("55" in clash["theirs"], "99" in clash["mine"], "170" in clash["base"]) == (True,) * 3
-    assert mine.splitlines()[clash["line"] - 1] == clash["mine"].splitlines()[0]
+    assert answer.json()["conflict"]
     assert served.scene.read_text() == theirs  # nothing was written over
-    assert served.send("/api/save", resolve="merge").status_code == 409
     assert served.send("/api/save", resolve=resolve).status_code == 200
     kept = {"mine": mine, "theirs": theirs}[resolve]
     assert served.state["text"] == served.scene.read_text() == kept
@@ -175,70 +154,24 @@ def test_a_change_is_noticed_once_it_is_whole(tmp_path: Path) -> None:
     assert seen[-1] == "gone"
 
 
-def until(met: Callable[[], bool], patience: float = 30) -> None:
-    end = time.monotonic() + patience
-    while not met():
-        assert time.monotonic() < end
-        time.sleep(0.02)
-
-
-def test_what_goes_wrong_with_a_change_is_told_once_and_looked_at_again(tmp_path: Path, caplog) -> None:
-    path = tmp_path / "scene.yaml"
-    path.write_text("a")
-    wrong: list[Exception] = [OSError(28, "No space left on device"), KeyError("a"), OSError(5, "I/O error")]
-    taken: list[str] = []
-    came = threading.Event()
-
-    def changed() -> None:
-        if wrong:
-            raise wrong.pop(0)
-        taken.append(path.read_text())
-        came.set()
-
-    watch = Watch(path, changed)
-    watch.start()
-    with caplog.at_level(logging.WARNING):
-        for text in ("bb", "ccc"):
-            path.write_text(text)
-            assert came.wait(30)
-            came.clear()
-    wrong.append(OSError(28, "No space left on device"))
-    path.write_text("dddd")
-    assert came.wait(30)
-    watch.end()
-    assert (taken[0], taken[-1]) == ("bb", "dddd")
-    assert [record.getMessage() for record in caplog.records] == 2 * [
-        f"{path}: was changed, and could not be taken in: [Errno 28] No space left on device"
-    ]
-
-
-def test_an_editor_goes_on_with_other_programs_after_a_full_disk(serving: Serve, monkeypatch) -> None:
+def test_a_change_that_cannot_be_taken_in_is_looked_at_again(serving: Serve, monkeypatch) -> None:
     served = serving("physics/05-slide")
-    assert served.editor is not None
-    document = served.editor.session.document
-    look, failed, taken = document.look_outside, threading.Event(), threading.Event()
-    room = threading.Event()
+    text = served.look()["text"] + "# theirs\n"
+    replace, failed, room = Path.replace, threading.Event(), threading.Event()
 
-    def full() -> str | None:
+    def full(self: Path, target: Path) -> Path:
         if not room.is_set():
             failed.set()
-            raise OSError(28, "No space left on device")
-        outcome = look()
-        taken.set()
-        return outcome
+            raise OSError(28, "No space left on device", str(target))
+        return replace(self, target)
 
-    monkeypatch.setattr(document, "look_outside", full)
-    text = served.look()["text"] + "# theirs\n"
-    served.scene.write_text(text)
-    assert failed.wait(30)
-    until(lambda: served.look()["file"]["outside"] == "unread")  # and the page says so
-    room.set()
-    assert taken.wait(30)
-    until(lambda: served.look()["file"]["outside"] is None)
+    monkeypatch.setattr(Path, "replace", full)
+    with hearing(served, "file") as next_one:
+        served.scene.write_text(text)
+        assert failed.wait(30)
+        room.set()
+        assert next_one()["outcome"] == "taken"
     assert served.look()["text"] == text
-    events = served.editor.windows.ask("w", served.editor.windows.run, 0)["events"]
-    outcomes = [event["outcome"] for event in events if event["type"] == "file"]
-    assert outcomes == ["failed", "taken"]
 
 
 @pytest.mark.parametrize("mode", [0o600, 0o644, 0o664])
@@ -384,102 +317,6 @@ def test_of_a_scene_behind_a_link_the_maps_beside_the_link_are_written(
     assert path.read_text() == served.state["text"]
 
 
-def test_maps_that_another_program_painted_are_seen_and_asked_about(serving: Serve, disc: Path) -> None:
-    served = serving(disc)
-    masks = served.scene.with_name("photo.assets") / "masks.png"
-    erased(served)
-    assert served.send("/api/save").status_code == 200
-    picture = served.state["picture"]
-    labels = cv2.imread(str(masks), cv2.IMREAD_UNCHANGED)
-    cv2.imwrite(str(masks), np.where(np.arange(len(labels))[:, None] > 40, 0, labels))
-    painted = masks.read_bytes()
-    served.look()  # after a save the scene's own folder is what is seen
-    erased(served, 8)
-    assert served.state["picture"] != picture
-    masks.write_bytes(painted + b"\n")  # once more, since
-    for _ in range(2):  # until it is answered
-        answer = served.send("/api/save")
-        assert (answer.status_code, answer.json()["maps"]) == (409, True)
-        assert "another program changed the scene's maps" in answer.json()["error"]["message"]
-        assert masks.read_bytes() == painted + b"\n"
-    assert served.send("/api/save", resolve="mine").status_code == 200
-    assert masks.read_bytes() != painted + b"\n"
-    served.send("/api/undo")
-    assert served.send("/api/save").status_code == 200
-    assert masks.read_bytes() == painted + b"\n"  # theirs was one step back
-
-
-def test_maps_and_text_that_another_program_wrote_are_asked_about_one_by_one(
-    serving: Serve, disc: Path
-) -> None:
-    served = serving(disc)
-    masks = served.scene.with_name("photo.assets") / "masks.png"
-    erased(served)
-    mine = served.edit({"set": ["objects", "disc", "mass"], "value": 30})["text"]
-    painted = masks.read_bytes() + b"\n"
-    masks.write_bytes(painted)
-    with hearing(served, "file") as next_one:
-        served.scene.write_text(served.scene.read_text().replace("mass: 20", "mass: 25"))
-        assert next_one()["outcome"] == "clash"
-    served.look()
-    assert "conflict" in served.send("/api/save").json()
-    answer = served.send("/api/save", resolve="mine")
-    assert (answer.status_code, answer.json()["maps"]) == (409, True)
-    assert masks.read_bytes() == painted
-    served.look()
-    assert served.send("/api/save", resolve="mine").status_code == 200
-    assert masks.read_bytes() != painted
-    assert served.scene.read_text() == mine
-
-
-def test_of_two_corrections_at_once_the_second_is_asked_for_again(
-    serving: Serve, disc: Path, monkeypatch
-) -> None:
-    served = serving(disc)
-    assert served.editor is not None
-    session, real = served.editor.session, corrections.write_patched
-    served.look()
-
-    def overtaken(*arguments: Any) -> Any:
-        """Another window's correction is made while this one is written."""
-        monkeypatch.setattr(corrections, "write_patched", real)
-        session.correct(EditRequest(1), eraser(served, 8))
-        return real(*arguments)
-
-    monkeypatch.setattr(corrections, "write_patched", overtaken)
-    answer = served.send("/api/mask", op=eraser(served))
-    assert (answer.status_code, answer.json()["version"]) == (409, 2)
-    erased(served)
-    assert served.state["version"] == 3
-    assert served.send("/api/save").status_code == 200
-
-
-def test_a_correction_after_somebody_removed_the_draft(serving: Serve, disc: Path) -> None:
-    served = serving(disc)
-    served.edit({"set": ["objects", "disc", "mass"], "value": 30})
-    shutil.rmtree(served.scene.with_name(".scene.yaml.editing"))
-    erased(served)
-    assert served.send("/api/save").status_code == 200
-    assert "mass: 30" in served.scene.read_text()
-
-
-def test_a_draft_that_is_removed_during_a_correction(serving: Serve, disc: Path, monkeypatch) -> None:
-    served = serving(disc)
-    real = corrections.correct
-
-    def slow(*arguments: Any) -> Any:
-        made = real(*arguments)
-        shutil.rmtree(served.scene.with_name(".scene.yaml.editing"))
-        monkeypatch.undo()
-        return made
-
-    served.look()
-    monkeypatch.setattr(corrections, "correct", slow)
-    assert served.send("/api/mask", op=eraser(served)).status_code == 409
-    erased(served)
-    assert served.send("/api/save").status_code == 200
-
-
 def test_maps_and_text_are_written_both_or_neither(serving: Serve, disc: Path, monkeypatch) -> None:
     served = serving(disc)
     assets, text = served.scene.with_name("photo.assets"), served.scene.read_text()
@@ -498,42 +335,6 @@ def test_maps_and_text_are_written_both_or_neither(serving: Serve, disc: Path, m
     monkeypatch.undo()
     assert served.send("/api/save").status_code == 200
     assert maps_of(assets) != before
-
-
-def test_killed_between_maps_and_text_the_two_fit_when_it_is_opened_again(
-    serving: Serve, disc: Path, monkeypatch
-) -> None:
-    path = disc
-    assets, text = path.with_name("photo.assets"), path.read_text()
-    before = maps_of(assets)
-    first = serving(path)
-    erased(first)
-    mine = first.state["text"]
-    draft = path.with_name(".scene.yaml.editing")
-
-    real = document.write_durably
-
-    def cut(path: Path, data: bytes) -> None:
-        if path.name != "scene.yaml":
-            real(path, data)
-            return
-        shutil.copytree(path.parent, path.parent.with_name("after"), symlinks=True)
-        raise OSError(5, "cut")
-
-    monkeypatch.setattr(document, "write_durably", cut)
-    first.send("/api/save")
-    monkeypatch.undo()
-    after = path.parent.with_name("after")
-    assert maps_of(after / "photo.assets") != before  # as the power left it: new maps, old text
-    assert (after / "scene.yaml").read_text() == text
-    number = (after / draft.name).stat().st_ino
-    (after / draft.name / "owner").write_text(str(number))
-    again = serving(after / "scene.yaml")
-    assert again.look()["text"] == mine
-    assert maps_of(after / "photo.assets") == before  # what the file says and what its maps show go together
-    assert again.send("/api/save", resolve="theirs").status_code == 200
-    assert again.state["text"] == text
-    assert again.state["file"]["saved"]
 
 
 # The command
@@ -643,8 +444,7 @@ def test_a_photo_is_perceived_first_and_its_scene_opened_the_next_time(killable,
 
 def test_ctrl_c_ends_it_though_windows_listen(killable: Callable[..., Killable]) -> None:
     served = killable("physics/05-slide")
-    assert served.get("/api/events", window="a")["run"]
-    assert served.look()["windows"] == 1
+    assert served.get("/api/events")["run"]
     served.process.send_signal(2)
     assert served.process.wait(60) == 0
     assert not served.scene.with_name(".scene.yaml.editing").exists()
