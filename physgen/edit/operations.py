@@ -302,7 +302,7 @@ class Target:
 
     def _write_file(self, data: Data) -> None:
         own = data if self._base is None else _overlay(self._base, self._own, data, ())
-        self.text = yaml_edit.put(self.text, (), own)
+        self.text = yaml_edit.write(self.text, own)
 
     def _write_edits(self, edits: Data) -> None:
         whole = deepcopy(self._whole)

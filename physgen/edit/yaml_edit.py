@@ -1,17 +1,16 @@
 """Changes of YAML text that keep all other lines and the comments as they are.
 
 Positions come from the parser of scenes, so that a position holds what the scene has there; new values are written in
-the style of `physgen.scene.write`. After each change the text is read back: one that does not hold the intended data
-is never returned.
+the style of `physgen.scene.write`. The new text is read back: one that does not hold the intended data is never
+returned.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from enum import Enum
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -32,21 +31,14 @@ Patch = tuple[int, int, str]
 BREAK = re.compile("\r\n|[\n\r\x85\u2028\u2029]")
 
 
-class Kind(Enum):
-    """What a value is, and how it is written."""
-
-    SCALAR = "scalar"
-    FLOW_MAP = "{}"
-    BLOCK_MAP = "mapping"
-    FLOW_LIST = "[]"
-    BLOCK_LIST = "list"
-
-
 @dataclass
 class Marked:
     """One value. `begin` and `end` are indices into the text; of a block, `end` is the end of its last value."""
 
-    kind: Kind
+    kind: type
+    """`dict`, `list`, or `str` for any scalar."""
+    is_flow: bool
+    """Whether it is written in brackets."""
     begin: int
     end: int
     column: int
@@ -58,30 +50,26 @@ class Marked:
     """Of a mapping: each key, and where it stands."""
     children: list[Marked] = field(default_factory=list)
     """Values of a mapping, or items."""
-    _places: dict[str, int] = field(default_factory=dict)
 
     @property
     def is_map(self) -> bool:
         """Whether it holds keys."""
-        return self.kind in (Kind.FLOW_MAP, Kind.BLOCK_MAP)
+        return self.kind is dict
 
     @property
     def is_list(self) -> bool:
         """Whether it holds items."""
-        return self.kind in (Kind.FLOW_LIST, Kind.BLOCK_LIST)
-
-    @property
-    def is_flow(self) -> bool:
-        """Whether it is written in brackets."""
-        return self.kind in (Kind.FLOW_MAP, Kind.FLOW_LIST)
+        return self.kind is list
 
     def place(self, key: str | int) -> int | None:
         """Index of the child at a key or an index; None where there is none."""
         if isinstance(key, int):
             return key if self.is_list and 0 <= key < len(self.children) else None
-        if len(self._places) != len(self.keys):
-            self._places = {name: at for at, (name, _, _) in enumerate(self.keys)}
         return self._places.get(key)
+
+    @cached_property
+    def _places(self) -> dict[str, int]:
+        return {name: at for at, (name, _, _) in enumerate(self.keys)}
 
     def child(self, key: str | int) -> Marked | None:
         """The value of a key or an index."""
@@ -117,16 +105,16 @@ def _marked(node: Any, text: str) -> Marked:
         if style in ("|", ">"):
             end = begin + len(text[begin:end].rstrip())
         value = node.value if style else resolve(node.value)
-        return Marked(Kind.SCALAR, begin, end, column, value, style)
-    flow = bool(node.flow_style)
+        return Marked(str, False, begin, end, column, value, style)
+    keys: list[tuple[str, int, int]] = []
     if isinstance(node, yaml.MappingNode):
         keys = [(key.value, key.start_mark.index, key.end_mark.index) for key, _ in node.value]
         children = [_marked(child, text) for _, child in node.value]
-        kind = Kind.FLOW_MAP if flow else Kind.BLOCK_MAP
     else:
-        keys, children = [], [_marked(child, text) for child in node.value]
-        kind = Kind.FLOW_LIST if flow else Kind.BLOCK_LIST
-    return Marked(kind, begin, end if flow else children[-1].end, column, keys=keys, children=children)
+        children = [_marked(child, text) for child in node.value]
+    flow = bool(node.flow_style)
+    kind = dict if isinstance(node, yaml.MappingNode) else list
+    return Marked(kind, flow, begin, end if flow else children[-1].end, column, keys=keys, children=children)
 
 
 def entry(text: str, parent: Marked, at: int) -> int:
@@ -141,11 +129,6 @@ def entry(text: str, parent: Marked, at: int) -> int:
     while text[place : place + parent.column].strip(" ") or text[place + parent.column] != "-":
         place = line_after(text, place)
     return place + parent.column
-
-
-def line_before(text: str, place: int) -> int:
-    """The end of the line before the one that begins at `place`."""
-    return place - (2 if text[:place].endswith("\r\n") else 1)
 
 
 def line_begin(text: str, place: int) -> int:
@@ -223,18 +206,20 @@ def parent_of(text: str, path: KeyPath) -> tuple[Marked, int]:
     return parent, at
 
 
-def checked(text: str, patches: list[Patch], meant: Callable[[Any], Any]) -> str:
-    """The text with patches. Raises EditError where its data is not that which `meant` makes of the old data.
-
-    `meant` changes the data in place, or returns other data.
-    """
-    made = text
+def patched(text: str, *patches: Patch) -> str:
+    """The text with patches, which do not overlap."""
     for begin, end, new in sorted(patches, reverse=True):
-        made = made[:begin] + new + made[end:]
-    data = marked(text).data()
-    whole = meant(data)
-    data = data if whole is None else whole
+        text = text[:begin] + new + text[end:]
+    return text
+
+
+# Values
+
+
+def write(text: str, data: dict[str, Any]) -> str:
+    """The text of a file such that it holds `data`. Raises EditError."""
     try:
+        made = put(text, (), data)
         if same(marked(made).data(), data):
             return made
     except EditError:
@@ -242,46 +227,23 @@ def checked(text: str, patches: list[Patch], meant: Callable[[Any], Any]) -> str
     raise impossible("the YAML is written in a way that this cannot be written into", "edit the YAML beside")
 
 
-def reach(data: Any, path: KeyPath) -> Any:
-    """The value at a path that exists."""
-    for key in path:
-        data = data[key]
-    return data
-
-
-# Values
-
-
 def put(text: str, path: KeyPath, value: Any) -> str:
-    """Set the value at a path; missing mappings are made. Raises EditError."""
-    node = marked(text)
-    for depth, key in enumerate(path):
-        if node.place(key) is None:
-            return _made(text, path, depth, value)
-        node = node.children[node.place(key) or 0]
-    return text if same(node.data(), value) else _replaced(text, path, value)
+    """Set the value at a path whose holder is there."""
+    if path and find(text, path[:-1]).place(path[-1]) is None:
+        return _made(text, path, value)
+    return text if same(find(text, path).data(), value) else _replaced(text, path, value)
 
 
-def drop(text: str, path: KeyPath) -> str:
-    """Remove the key or the item at a path. Raises EditError."""
+def _drop(text: str, path: KeyPath) -> str:
+    """Remove one of several keys or items."""
     parent, at = parent_of(text, path)
-    if len(parent.children) == 1:
-        return _emptied(text, path[:-1])
     begin = entry(text, parent, at)
-    child = parent.children[at]
     if parent.is_flow or not leads(text, begin):
-        patch = _cut(text, parent, at, begin)
-    else:
-        stop = line_after(text, child.end)
-        first = line_begin(text, begin)
-        if stop == len(text) and not BREAK.search(text[-1:]):  # nor does the new last line end
-            first = line_before(text, first)
-        patch = (first, stop, "")
-
-    def remove(data: Any) -> None:
-        del reach(data, path[:-1])[path[-1]]
-
-    return checked(text, [patch], remove)
+        return patched(text, _cut(text, parent, at, begin))
+    stop, first = line_after(text, parent.children[at].end), line_begin(text, begin)
+    if stop == len(text) and not BREAK.search(text[-1:]):  # nor does the new last line end
+        first -= 2 if text[:first].endswith("\r\n") else 1
+    return patched(text, (first, stop, ""))
 
 
 def _cut(text: str, parent: Marked, at: int, begin: int) -> Patch:
@@ -297,60 +259,48 @@ def _cut(text: str, parent: Marked, at: int, begin: int) -> Patch:
     return begin, entry(text, parent, at + 1), ""
 
 
-def insert(text: str, path: KeyPath, value: Any) -> str:
-    """Insert an item into a list, before the one at the path. Raises EditError."""
-    where, at = path[:-1], path[-1]
+def _insert(text: str, path: KeyPath, value: Any) -> str:
+    """Insert an item into a list, before the one at the path."""
+    where, at = path[:-1], int(path[-1])
     node = find(text, where)
-    assert isinstance(at, int)
     if not node.children:
         return _replaced(text, where, [value])
-    return checked(
-        text, [_item(text, node, where, at, value)], lambda data: reach(data, where).insert(at, value)
-    )
+    if node.is_flow:
+        inner, before = flow_text(value, path), node.children[max(at - 1, 0)]
+        if at == 0:
+            return patched(text, (before.begin, before.begin, f"{inner}, "))
+        return patched(text, (before.end, before.end, joint(text, node, before) + inner))
+    indent = " " * node.column
+    lines = entry_lines(value, f"{indent}-", indent + "  ", path)
+    if at:
+        return patched(text, below(text, node.children[at - 1].end, lines))
+    begin = entry(text, node, 0)
+    return patched(text, (begin, begin, (newline(text).join([*lines, indent]))[node.column :]))
 
 
-def rename(text: str, path: KeyPath, to: str) -> str:
-    """Rename a key. Raises EditError."""
+def _rename(text: str, path: KeyPath, to: str) -> str:
+    """Rename a key."""
     parent, at = parent_of(text, path)
     _, begin, end = parent.keys[at]
-
-    def meant(data: Any) -> None:
-        above = reach(data, path[:-1])
-        pairs = [(to if key == path[-1] else key, value) for key, value in above.items()]
-        above.clear()
-        above.update(pairs)
-
-    return checked(text, [(begin, end, key_text(to))], meant)
+    return patched(text, (begin, end, key_text(to)))
 
 
-def _made(text: str, path: KeyPath, depth: int, value: Any) -> str:
-    """Add a key, and the mappings that lead to it."""
-    where, key = path[:depth], path[depth]
+def _made(text: str, path: KeyPath, value: Any) -> str:
+    """Add a key, or an item at the end."""
+    where, key = path[:-1], path[-1]
     node = find(text, where)
-    for step in reversed(path[depth + 1 :]):
-        if isinstance(step, int):
-            raise impossible(f"{dotted(path)}: there is no such list in the file", "set the whole of it")
-        value = {step: value}
-    if node.is_list and key == len(node.children):
-        return insert(text, (*where, key), value)
-    if isinstance(key, int) or not (node.is_map or node.value is None):
-        kind = "a list" if node.is_list else "one value" if not node.is_map else "a mapping"
-        raise impossible(f"{dotted(where) or 'the file'} is {kind}: it has no {key}", "set the whole of it")
+    if isinstance(key, int):
+        return _insert(text, path, value)
     if not node.children:
         return _replaced(text, where, {key: value})
-
-    def meant(data: Any) -> None:
-        reach(data, where)[key] = value
-
     after = node.children[_before(node, where, key)]
     if node.is_flow:
-        inner = f"{key_text(key)}: {flow_text(value, (*where, key))}"
-        patch = (after.end, after.end, joint(text, node, after) + inner)
-    else:
-        indent = " " * node.column
-        lines = entry_lines(value, f"{indent}{key_text(key)}:", indent + "  ", (*where, key))
-        patch = below(text, after.end, lines)
-    return checked(text, [patch], meant)
+        inner = f"{key_text(key)}: {flow_text(value, path)}"
+        return patched(text, (after.end, after.end, joint(text, node, after) + inner))
+    indent = " " * node.column
+    return patched(
+        text, below(text, after.end, entry_lines(value, f"{indent}{key_text(key)}:", indent + "  ", path))
+    )
 
 
 def _before(node: Marked, path: KeyPath, key: str) -> int:
@@ -374,19 +324,11 @@ def _replaced(text: str, path: KeyPath, value: Any) -> str:
     if is_filled_list and (not node.is_flow or len(value) != len(node.children)):
         return _items(text, path, node.data(), value)
 
-    def meant(data: Any) -> Any:
-        if not path:
-            return value
-        reach(data, path[:-1])[path[-1]] = value
-        return None
-
     patches = _differences(node, value, path) if node.is_flow else None
     if not path:
         lines = [line for key in value for line in entry_lines(value[key], f"{key_text(key)}:", "  ", (key,))]
         patches = patches or [(node.begin, node.end, newline(text).join(lines) or "{}")]
-    if patches is None:
-        patches = _rewritten(text, path, value)
-    return checked(text, patches, meant)
+    return patched(text, *(_rewritten(text, path, value) if patches is None else patches))
 
 
 def _entries(text: str, path: KeyPath, node: Marked, value: dict[str, Any]) -> str:
@@ -399,12 +341,12 @@ def _entries(text: str, path: KeyPath, node: Marked, value: dict[str, Any]) -> s
         name = next((name for name in new if same(old[key], value[name])), None)
         if name is not None:
             new.remove(name)
-            text = rename(text, (*path, key), name)
+            text = _rename(text, (*path, key), name)
             continue
         if len(find(text, path).children) == 1:  # an empty mapping would lose its style
             first = next(iter(value))
             text = put(text, (*path, first), value[first])
-        text = drop(text, (*path, key))
+        text = _drop(text, (*path, key))
     for key, child in value.items():
         if key not in old or not same(old[key], child):
             text = put(text, (*path, key), child)
@@ -418,9 +360,9 @@ def _items(text: str, path: KeyPath, old: list[Any], new: list[Any]) -> str:
     tail = next((at for at in range(most - head) if not same(old[-1 - at], new[-1 - at])), most - head)
     shared = most - tail
     for at in reversed(range(shared, len(old) - tail)):
-        text = drop(text, (*path, at))
+        text = _drop(text, (*path, at))
     for at in range(shared, len(new) - tail):
-        text = insert(text, (*path, at), new[at])
+        text = _insert(text, (*path, at), new[at])
     for at in range(head, shared):
         text = put(text, (*path, at), new[at])
     return text
@@ -466,39 +408,9 @@ def _rewritten(text: str, path: KeyPath, value: Any) -> list[Patch]:
         start = " " * parent.column + "-"
     first, *rest = entry_lines(value, start, " " * parent.column + "  ", path)
     first = first[len(start) :]
-    if rest and not first and (node.kind is Kind.SCALAR or node.is_flow) and node.style not in ("|", ">"):
+    if rest and not first and (node.kind is str or node.is_flow) and node.style not in ("|", ">"):
         return [(colon + 1, node.end, ""), below(text, node.end, rest)]
     return [(colon + 1, node.end, newline(text).join([first, *rest]))]
-
-
-def _emptied(text: str, path: KeyPath) -> str:
-    """Remove the last entry of a collection."""
-    node = find(text, path)
-    empty: Any = {} if node.is_map else []
-    if not path:
-        return checked(text, [(node.begin, node.end, "{}")], lambda data: empty)
-
-    def meant(data: Any) -> None:
-        reach(data, path[:-1])[path[-1]] = empty
-
-    return checked(text, _rewritten(text, path, empty), meant)
-
-
-def _item(text: str, node: Marked, path: KeyPath, at: int, value: Any) -> Patch:
-    """Patch that inserts an item into a list that has some."""
-    if node.is_flow:
-        inner = flow_text(value, (*path, at))
-        if at == 0:
-            begin = node.children[0].begin
-            return begin, begin, f"{inner}, "
-        before = node.children[at - 1]
-        return before.end, before.end, joint(text, node, before) + inner
-    indent = " " * node.column
-    lines = entry_lines(value, f"{indent}-", indent + "  ", (*path, at))
-    if at:
-        return below(text, node.children[at - 1].end, lines)
-    begin = entry(text, node, 0)
-    return begin, begin, (newline(text).join(lines) + newline(text) + indent)[node.column :]
 
 
 # Comments of perception

@@ -91,7 +91,7 @@ export function start(editor) {
   editor.on("state", ({ state }) => {
     if (first) {
       first = false;
-      if (state.file.recovered && !state.file.saved) banner("recovered", "These are the edits of last time, which were not saved. Undo goes back to the saved file.",
+      if (state.file.recovered && !state.file.saved) banner("recovered", "These are the edits of last time, which were not saved. Undo takes them back.",
         [["Back to the saved file", async () => { banner("recovered", null); await saving("theirs"); }]]);
     } else if (state.file.saved) banner("recovered", null);
     outside();

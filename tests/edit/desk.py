@@ -130,7 +130,7 @@ def seated(
         context.route(*held)
     if not hint:
         context.add_init_script("localStorage.setItem('physgen-edit-hint', 'seen')")
-    context.set_default_timeout(15_000)
+    context.set_default_timeout(30_000)
     desk = Desk(context.new_page())
     watched(desk)
     try:
