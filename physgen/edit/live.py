@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import time
-from base64 import b64decode, b64encode
-from collections.abc import Callable, Sequence
+from base64 import b64encode
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -96,7 +96,6 @@ class MotionStream:
 
     def part(self, start: int, deadline: float) -> Data:
         """Samples from `start` on, at least one; simulated until `deadline`, a time of `time.perf_counter`."""
-        begun = time.perf_counter()
         start = max(0, min(start, self.total))
         self.simulate(start + 1, deadline)
         run, N = self._running, max(len(self.world.bodies), 1)
@@ -128,7 +127,6 @@ class MotionStream:
             found["contacts"] = {"surfaces": list(known.contacts.surfaces), "touches": touches(known)}
         if start == 0:
             self._begin(found)
-        found["took_ms"] = round(1000 * (time.perf_counter() - begun), 1)
         return found
 
     def simulate(self, least: int, deadline: float) -> None:
@@ -181,15 +179,6 @@ def packed(values: Array) -> str:
     return b64encode(np.ascontiguousarray(values, "<f8").tobytes()).decode("ascii")
 
 
-def unpacked(text: str) -> Array:
-    """The numbers of `packed`.
-
-    >>> unpacked('AAAAAAAA8D8=').tolist()
-    [1.0]
-    """
-    return np.frombuffer(b64decode(text), "<f8").astype(np.float64)
-
-
 @dataclass(frozen=True)
 class Look:
     """A state of the text for the page. Where the text is wrong, only `problems` and `todo` are set."""
@@ -203,35 +192,26 @@ class Look:
     picture: str | None = None
     """Key of the picture."""
     todo: tuple[Data, ...] = ()
-    variants: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class CompiledScene:
-    """A scene that is compiled, with its photo and maps."""
+    """A scene that is compiled; without its maps, as many texts of one large photo may be kept."""
 
     scene: Scene
     compiled: Compiled
     key: str
     """Of its photo and maps."""
+    picture: str
+    """Key of its picture."""
     read: Callable[[Scene], Percepts | None]
+    lints: list[tuple[Problem, ...]] = field(default_factory=list)
+    """Empty until they are computed."""
 
     @property
     def percepts(self) -> Percepts | None:
         """The photo and its maps, None for a scene without a photo."""
         return self.read(self.scene)
-
-
-@dataclass(frozen=True)
-class _Known:
-    """A valid text; without its maps, as many texts of one large photo may be kept."""
-
-    scene: Scene
-    compiled: Compiled
-    key: str
-    picture: str
-    lints: list[tuple[Problem, ...]] = field(default_factory=list)
-    """Empty until they are computed."""
 
 
 class Live:
@@ -246,7 +226,7 @@ class Live:
         self._lock = RLock()
         self._warm = Stages(Keep.EDITING)
         self._opened: Recent[Opened] = Recent(6)
-        self._known: Recent[_Known] = Recent(8)
+        self._known: Recent[CompiledScene] = Recent(8)
         self._motions: Recent[MotionStream] = Recent(MAX_MOTIONS)
         self._sights: Recent[CompiledScene] = Recent(4)
         self._unlike: Recent[tuple[Problem, ...]] = Recent(4)
@@ -260,17 +240,11 @@ class Live:
         """
         with self._lock:
             begun = time.perf_counter()
-            opened = known = None
-            problems: Sequence[Problem] = ()
             try:
-                opened = self._open(text, maps)
-                known = self._mean(opened, variant)
+                known = self._mean(self._open(text, maps), variant)
             except InputError as error:
-                problems = error.problems
-            variants = opened.variants if opened is not None else ()
-            if known is None:
-                rows = self._wrong(problems, opened)
-                return Look(rows, todo=tuple(todo(text, None, None, rows)), variants=variants)
+                rows = tuple(self._row(problem) for problem in error.problems)
+                return Look(rows, todo=tuple(todo(text, None, None, rows)))
             stream, motion = self._motion(known, begun)
             if motion_only:
                 return Look(tuple(self._row(p, known.scene) for p in stream.problems), motion=motion)
@@ -284,7 +258,6 @@ class Live:
                 motion,
                 known.picture,
                 tuple(todo(text, known.scene, known.compiled, rows)),
-                variants,
             )
 
     def more(self, key: str, start: int) -> Data | None:
@@ -317,8 +290,7 @@ class Live:
     def state(self, text: str, maps: Path | None = None, variant: str | None = None) -> CompiledScene:
         """The scene of a text with its maps, compiled. Raises InputError."""
         with self._lock:
-            known = self._mean(self._open(text, maps), variant)
-            return CompiledScene(known.scene, known.compiled, known.key, self._percepts)
+            return self._mean(self._open(text, maps), variant)
 
     def document(self, text: str, maps: Path | None = None) -> Data:
         """The text as plain data, with what it extends and without any default. Raises InputError."""
@@ -335,20 +307,21 @@ class Live:
             opened = self._opened.of((text, maps), read)
         return opened
 
-    def _mean(self, opened: Opened, variant: str | None) -> _Known:
+    def _mean(self, opened: Opened, variant: str | None) -> CompiledScene:
         """The scene of a text, compiled. Raises InputError."""
         scene = opened.scene((), variant)
         seen = self._warm.maps(scene)
         read = (opened, variant, seen.key)
 
-        def make() -> _Known:
+        def make() -> CompiledScene:
             compiled = self._warm.compile(scene, seen)
             masks = ([item.mask for item in scene.objects], [item.mask for item in scene.boundaries])
             # of these and the maps follows whose pixels are whose: hashing those of a large photo takes long
             drawn = compiled.outlines if seen.percepts is None else ()
             picture = key("picture", seen.key, *appearance(scene, compiled.world), drawn, masks)
-            self._sights.of(picture, lambda: CompiledScene(scene, compiled, seen.key, self._percepts))
-            return _Known(scene, compiled, seen.key, picture)
+            made = CompiledScene(scene, compiled, seen.key, picture, self._percepts)
+            self._sights.of(picture, lambda: made)
+            return made
 
         return self._known.of(read, make)
 
@@ -356,19 +329,16 @@ class Live:
         with self._lock:
             return self._warm.maps(scene).percepts
 
-    def _lints(self, known: _Known) -> list[Problem]:
+    def _lints(self, known: CompiledScene) -> list[Problem]:
         """Warnings; those about the photo are computed once for all texts with the same masks."""
         scene, compiled = known.scene, known.compiled
-        read = (known.key, compiled.shapes)
-
-        def photos() -> tuple[Problem, ...]:
-            return tuple(photo_differs(scene, compiled, self._percepts(scene)))
-
-        place = scene.place("image")
-        of_photo = [replace(problem, place=place) for problem in self._unlike.of(read, photos)]
+        found = self._unlike.of(
+            (known.key, compiled.shapes), lambda: tuple(photo_differs(scene, compiled, known.percepts))
+        )
+        of_photo = [replace(problem, place=scene.place("image")) for problem in found]
         return by_place([*lint(scene, compiled), *of_photo])
 
-    def _motion(self, known: _Known, begun: float) -> tuple[MotionStream, Data]:
+    def _motion(self, known: CompiledScene, begun: float) -> tuple[MotionStream, Data]:
         world = known.compiled.world
         name = motion_key(world)
         stream = self._motions.of(name, lambda: MotionStream(name, known.scene, world))
@@ -377,20 +347,10 @@ class Live:
         part["problems"] = [self._row(problem, known.scene) for problem in stream.problems]
         return stream, part
 
-    def _wrong(self, problems: Sequence[Problem], opened: Opened | None) -> tuple[Data, ...]:
-        """Problems of an invalid text."""
-        document = {} if opened is None else opened.document()
-        names = list(document["objects"]) if isinstance(document.get("objects"), dict) else []
-        name = os.fspath(self.path)
-        return tuple(problem_data(problem, name, names, document) for problem in problems)
-
     def _row(self, problem: Problem, scene: Scene | None = None) -> Data:
-        name = os.fspath(self.path)
-        if scene is None:
-            return problem_data(problem, name)
-        if not problem.place.line and problem.path:  # found while simulating
+        if scene is not None and not problem.place.line and problem.path:  # found while simulating
             problem = replace(problem, place=scene.place(problem.path))
-        return problem_data(problem, name, [item.name for item in scene.objects], scene.document)
+        return problem_data(problem, os.fspath(self.path))
 
 
 # Images
@@ -410,8 +370,21 @@ class Pictures:
         sight = self._live.sight(key)
         if sight is None:
             return None
+
+        def look() -> Data:
+            drawn = self._stage(key, sight)
+            names = [item.name for item in sight.scene.objects]
+            background = plate(drawn, range(len(drawn.sprites)))
+            return {
+                "key": key,
+                "names": names,
+                "background": background,
+                "sprites": sprites(drawn),
+                "shadows": [],
+            }
+
         with self._lock:
-            return self._looks.of(key, lambda: self._look(key, sight))
+            return self._looks.of(key, look)
 
     def shadows(self, key: str, motion: str) -> Data | None:
         """Shadows of every object for a motion, which is simulated to its end; None: one of the two is gone."""
@@ -419,30 +392,20 @@ class Pictures:
         seen = None if sight is None else self._live.whole(motion)
         if sight is None or seen is None:
             return None
+        trajectory, world = seen
+
+        def thrown() -> Data:
+            drawn = replace(self._stage(key, sight), starts=photo_poses(world))
+            same = len(trajectory.names) == len(sight.scene.objects)
+            rows = shadows(drawn, trajectory, range(len(drawn.sprites))) if same else []
+            return {"key": key, "motion": motion, "shadows": rows}
+
         with self._lock:
-            rows = self._shadows.of((key, motion), lambda: self._thrown(key, sight, *seen))
-        return {"key": key, "motion": motion, **rows}
+            return self._shadows.of((key, motion), thrown)
 
     def _stage(self, key: str, sight: CompiledScene) -> Stage:
         """With the poses in which objects were cut out of the photo."""
         return self._stages.of(key, lambda: stage(sight.scene, sight.compiled, sight.percepts))
-
-    def _look(self, key: str, sight: CompiledScene) -> Data:
-        drawn = self._stage(key, sight)
-        return {
-            "key": key,
-            "names": [item.name for item in sight.scene.objects],
-            "background": plate(drawn, range(len(drawn.sprites))),
-            "sprites": sprites(drawn),
-            "shadows": [],
-            "motion": None,
-        }
-
-    def _thrown(self, key: str, sight: CompiledScene, seen: Trajectory, world: World) -> Data:
-        drawn = replace(self._stage(key, sight), starts=photo_poses(world))
-        if len(seen.names) != len(sight.scene.objects):
-            return {"shadows": []}
-        return {"shadows": shadows(drawn, seen, range(len(drawn.sprites)))}
 
 
 def photo_png(sight: CompiledScene) -> bytes:
@@ -451,9 +414,7 @@ def photo_png(sight: CompiledScene) -> bytes:
 
     maps = sight.percepts
     rgb = flat_background(sight.compiled.world, 1.0) if maps is None else maps.rgb
-    done, data = cv2.imencode(".png", cv2.cvtColor(np.ascontiguousarray(rgb), cv2.COLOR_RGB2BGR))
-    assert done
-    return data.tobytes()
+    return _png(cv2.cvtColor(np.ascontiguousarray(rgb), cv2.COLOR_RGB2BGR))
 
 
 def mask_png(sight: CompiledScene, name: str) -> bytes:
@@ -461,7 +422,10 @@ def mask_png(sight: CompiledScene, name: str) -> bytes:
     names = [item.name for item in sight.scene.objects]
     if name not in names:
         raise impossible(f"no object is called {name!r}", "choose an object")
-    mask = np.where(sight.compiled.labels == names.index(name) + 1, np.uint8(255), np.uint8(0))
-    done, data = cv2.imencode(".png", mask)
+    return _png(np.where(sight.compiled.labels == names.index(name) + 1, np.uint8(255), np.uint8(0)))
+
+
+def _png(picture: NDArray[Any]) -> bytes:
+    done, data = cv2.imencode(".png", picture)
     assert done
     return data.tobytes()

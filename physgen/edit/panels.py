@@ -11,25 +11,23 @@ import numpy as np
 
 from physgen.compile.compile import Compiled
 from physgen.compile.shapes import fill_polygon
-from physgen.geometry.polygon import Disc
 from physgen.problems import InputError, Problem
 from physgen.scene.document import Source, plain, read
-from physgen.scene.overlay import parse_key
 from physgen.scene.provenance import Provenance, source
-from physgen.scene.scene import MaskId, Scene, Solid
+from physgen.scene.scene import Scene, Solid
 
 Data = dict[str, Any]
 
+_OBJECT = re.compile(r"(?:^|\.)objects\.([\w-]+)")
 SECTIONS = ("world", "objects", "boundaries", "forces", "joints", "fields", "light", "render", "refine")
 
 
-def problem_data(
-    problem: Problem, file: str, objects: Sequence[str] = (), document: Mapping[str, Any] | None = None
-) -> Data:
+def problem_data(problem: Problem, file: str) -> Data:
     """A problem for the page: `line` is that of the text in the editor, null where it stands elsewhere.
 
-    `object` is the one that is meant, of `objects`; null where it is none or many.
+    `object` is the one in whose entry it stands, if any.
     """
+    inside = _OBJECT.search(problem.path)
     here = problem.place.file == file and problem.place.line > 0
     return {
         "severity": problem.severity.value,
@@ -41,37 +39,8 @@ def problem_data(
         "expected": problem.expected,
         "fix": problem.fix,
         "message": " ".join(part for part in (problem.found, problem.expected) if part),
-        "object": meant(problem.path, objects, document or {}),
+        "object": inside[1] if inside else None,
     }
-
-
-def meant(path: str, objects: Sequence[str], document: Mapping[str, Any]) -> str | None:
-    """The object that a path is about: its own, or the one that a force or joint acts on; one of `objects`, if any."""
-    parts = parse_key(path) or ()
-    if len(parts) < 2:
-        return None
-    section, which = parts[:2]
-    name: Any = None
-    if section == "objects":
-        name = which
-    elif section == "forces" and isinstance(which, int):
-        name = _within(document, "forces", which, "object")
-    elif section == "joints":
-        name = _within(document, "joints", which, "objects", 0)
-    elif section == "variants" and len(parts) > 3:
-        edited = (parse_key(str(parts[2])) or ()) if "." in str(parts[2]) else parts[2:]
-        name = edited[1] if len(edited) > 1 and edited[0] == "objects" else None
-    return name if name in objects or (not objects and isinstance(name, str)) else None
-
-
-def _within(value: Any, *path: str | int) -> Any:
-    """What stands at a path of data that may be anything; None where nothing does."""
-    for key in path:
-        named = isinstance(value, Mapping) and key in value
-        if not named and not (isinstance(value, list) and isinstance(key, int) and key < len(value)):
-            return None
-        value = value[key]
-    return value
 
 
 def scene_data(scene: Scene) -> Data:
@@ -84,45 +53,24 @@ def scene_data(scene: Scene) -> Data:
 
 
 def derived_data(scene: Scene, compiled: Compiled) -> Data:
-    """What follows from it: centres, masses, moments and outlines, as the engine has them."""
+    """What follows from it: centres, masses and moments, as the engine has them."""
     world = compiled.world
-    meter = world.pixels_per_meter
     objects: dict[str, Data] = {}
-    for k, (item, body) in enumerate(zip(scene.objects, world.bodies, strict=True)):
-        outline = compiled.outlines[k]
-        rings = [] if isinstance(outline, Disc) else [_points(ring.outer) for ring in outline.rings]
-        ring = max(rings, key=len, default=None) or _points(body.rings[0] + body.center)
+    for item, body in zip(scene.objects, world.bodies, strict=True):
         objects[item.name] = {
             "centre": body.center.tolist(),
             "mass": body.mass,
             "moment": body.moment,
             "radius": body.radius,
-            "ring": ring,
-            "rings": rings or [ring],
             "reach": body.reach,
-            "solid": body.solid.value,
             "ball": body.solid is Solid.SPHERE and body.radius is not None,
-            "mask": item.mask.id if isinstance(item.mask, MaskId) else None,
             "masked": item.mask is not None,
-            "id": k + 1,
-            "mass_kg": body.mass / 1000,
-            "speed_si": float(np.hypot(*body.velocity)) / meter,
-            "velocity_si": (body.velocity / meter).tolist(),
-            "moment_si": body.moment / 1000 / meter**2,
         }
     return {
         "objects": objects,
-        "pixels_per_meter": meter,
+        "pixels_per_meter": world.pixels_per_meter,
         "scaled": "world.pixels_per_meter" in scene.places,
-        "view": world.view.value,
-        "gravity_si": (world.gravity / meter).tolist(),
-        "boundaries": {wall.name: [_points(chain) for chain in wall.chains] for wall in world.walls},
-        "duration": world.duration,
     }
-
-
-def _points(values: Any) -> list[list[float]]:
-    return [[round(x, 3), round(y, 3)] for x, y in values.tolist()]
 
 
 SURE = 0.6
@@ -131,7 +79,6 @@ COVERED = 0.5
 """Share of a possible object that others cover, from which it counts as added."""
 MAX_ROWS = 300
 _MAYBE = re.compile(r"^ *# ?(?P<name>maybe-\d+): (?P<value>\{.*\})\s*$")
-_FASTER = re.compile(r"write world\.steps_per_second: (\d+)")
 
 
 def todo(text: str, scene: Scene | None, compiled: Compiled | None, problems: Sequence[Data]) -> list[Data]:
@@ -144,7 +91,7 @@ def todo(text: str, scene: Scene | None, compiled: Compiled | None, problems: Se
         rows += [row for _, row in sorted(_unsure(scene), key=lambda doubt: doubt[0])]
         rows += [row for _, row in sorted(_maybe(text, scene, compiled), key=lambda doubt: -doubt[0])]
     odd = (p for p in problems if p["severity"] != "error")
-    rows += [_row("lint", p, p["message"], p["fix"], _settles(p, scene)) for p in odd]
+    rows += [_row("lint", p, p["message"], p["fix"]) for p in odd]
     return rows[:MAX_ROWS]
 
 
@@ -223,23 +170,6 @@ def _maybe(text: str, scene: Scene, compiled: Compiled) -> Iterator[tuple[float,
         words = f"perhaps an object, too ({sure:.0%} sure)" if sure is not None else "perhaps an object, too"
         mask = {"kind": "polygon", "polygon": [list(point) for point in points], "object": None}
         yield (sure if sure is not None else SURE), _row("doubt", at, words, "add it", None, mask)
-
-
-def _settles(problem: Data, scene: Scene | None) -> list[Data] | None:
-    """Operations that do what a lint's fix says, where that is plain."""
-    path, fix = list(parse_key(problem["path"]) or ()), problem["fix"]
-    if scene is None or not path:
-        return None
-    written = problem["path"] in scene.places
-    if fix.endswith("motion: static") and path[0] == "objects":
-        return [{"set": [*path[:2], "motion"], "value": "static"}]
-    if fix.startswith("take it out") and written:
-        return [{"unset": path}]
-    if fix.startswith("write shape: auto") and path[0] == "objects":
-        return [{"set": [*path[:2], "shape"], "value": "auto"}]
-    if (faster := _FASTER.search(fix)) is not None:
-        return [{"set": ["world", "steps_per_second"], "value": int(faster[1])}]
-    return None
 
 
 def _line(scene: Scene, path: str) -> int | None:

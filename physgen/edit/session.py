@@ -13,9 +13,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from physgen.edit.corrections import correct
 from physgen.edit.draft import Draft, Unsaved, copy_maps, draft_folder, has_maps, install, write_durably
 from physgen.edit.errors import EditError, Why, impossible
 from physgen.edit.live import Live, Pictures, mask_png, photo_png
+from physgen.edit.masks import PromptSegmenter
 from physgen.edit.operations import Op, SetOp, edited
 from physgen.edit.yaml_edit import marked, without_guess_comments
 from physgen.files import back_up, file_stamp
@@ -125,6 +127,7 @@ class Session:
         self._send = send
         self._edits = threading.RLock()
         self._names: list[str] = []
+        self._segmenter = PromptSegmenter()
         self.outside: str | None = None
         """`changed` or `gone`: what another program did to the file, where that is still to be resolved."""
         gone = not self.real.exists() and (draft_folder(path) / "draft.json").is_file()
@@ -263,15 +266,13 @@ class Session:
 
     def correct(self, request: EditRequest, op: Mapping[str, Any]) -> Data:
         """Correct a mask, and what follows from it. Raises EditError."""
-        from physgen.edit.corrections import correct
-
         with self._edits:
             now = self._current(request)
             text, maps = self._present()
             number = self.draft.new_maps()
             out = self.draft.maps(number)
             try:
-                made = correct(self.live, text, maps, op, out)
+                made = correct(self.live, text, maps, op, out, self._segmenter)
                 self._push(request, made.text, number if out.is_dir() else now.maps, made.what)
             except BaseException:
                 shutil.rmtree(out, ignore_errors=True)

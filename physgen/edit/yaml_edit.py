@@ -256,7 +256,10 @@ def _cut(text: str, parent: Marked, at: int, begin: int) -> Patch:
             return begin, child.end, ""
     elif at:
         return parent.children[at - 1].end, child.end, ""
-    return begin, entry(text, parent, at + 1), ""
+    after = entry(text, parent, at + 1)
+    if not parent.is_flow and "#" in text[line_end(text, child.end) : after]:  # behind a dash, comments below
+        return begin, line_end(text, child.end), ""
+    return begin, after, ""
 
 
 def _insert(text: str, path: KeyPath, value: Any) -> str:

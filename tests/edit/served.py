@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import signal
 import subprocess
+from base64 import b64decode
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import httpx
+import numpy as np
 
 from physgen.edit.app import Editor, application
+
+
+def unpacked(text: str) -> np.ndarray:
+    """Numbers of a motion: little-endian float64, base64."""
+    return np.frombuffer(b64decode(text), "<f8")
 
 
 @cache

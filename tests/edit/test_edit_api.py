@@ -17,9 +17,8 @@ from hypothesis import strategies as st
 from schemathesis.checks import not_a_server_error
 from schemathesis.generation.modes import GenerationMode
 from schemathesis.specs.openapi import checks as told
-from served import Served, document
+from served import Served, document, unpacked
 
-from physgen.edit.live import unpacked
 from physgen.materials import materials
 
 CHECKS = [
