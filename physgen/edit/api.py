@@ -38,7 +38,8 @@ Data = dict[str, Any]
 class Events:
     """Events for the open pages, which ask again and again; its methods may be called from any thread.
 
-    No stream is held open: of those a browser has six for all its windows together.
+    No stream is held open: of those a browser has six for all its windows together. Where pages ask, the session also
+    looks at the file, which another program may have written.
     """
 
     def __init__(self) -> None:
@@ -153,6 +154,7 @@ def materials() -> list[Data]:
 @api.get("/api/state")
 def state(served: Served, variant: Words | None = None) -> Response:
     """The scene, its problems and its motion."""
+    served.session.look_outside()
     return JSONResponse(served.session.state(variant or None))
 
 
@@ -195,6 +197,7 @@ def _present(found: Mapping[str, Any] | None) -> Response:
 @api.get("/api/events")
 def events(served: Served, run: str = "", since: Annotated[int, Query(ge=0, le=MAX_EVENT)] = 0) -> Response:
     """What happened since an event of a run of the server."""
+    served.session.look_outside()
     return JSONResponse(served.events.since(run, since))
 
 

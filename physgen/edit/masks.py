@@ -5,7 +5,7 @@ Each sets the new pixels of objects, or the operations on the scene's text, of a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from typing import Annotated, Any, Literal
@@ -116,14 +116,23 @@ def parse_op(op: Mapping[str, Any]) -> MaskOp:
 def make(work: Correction, op: MaskOp, finder: PromptSegmenter) -> str:
     """Carry out one operation; returns its name. Raises EditError."""
     match op:
-        case BoxOp(box=box):
-            prompt = {"box": [round(v, 2) for v in box]}
-            return _prompted(work, op.object, op.kind == "new", finder.box(work.maps.rgb, box), prompt)
-        case PointOp(point=(x, y)):
+        case BoxOp():
+            prompt = {"box": [round(v, 2) for v in op.box]}
+            return _prompted(work, op.object, op.kind == "new", finder.box(work.maps.rgb, op.box), prompt)
+        case PointOp():
+            x, y = op.point
             found = finder.point(work.maps.rgb, work.sight.key, (x, y))
             return _prompted(work, op.object, False, found, {"point": [round(x, 2), round(y, 2)]})
-        case _:
-            return _MAKERS[type(op)](work, op)
+        case PolygonOp():
+            return _polygon(work, op)
+        case BrushOp():
+            return _brush(work, op)
+        case MergeOp():
+            return _merge(work, op)
+        case SplitOp():
+            return _split(work, op)
+        case RelabelOp():
+            return _relabel(work, op)
 
 
 def _prompted(work: Correction, name: str | None, is_new: bool, found: PromptedMask, prompt: Data) -> str:
@@ -222,15 +231,6 @@ def _relabel(work: Correction, op: RelabelOp) -> str:
     made = changed_entry(work, op.object, op.object, one, work.labels, label)
     work.ops += written(work, op.object, {**made, "label": label})
     return f"call {op.object} {label}"
-
-
-_MAKERS: dict[type[BaseModel], Callable[[Correction, Any], str]] = {
-    PolygonOp: _polygon,
-    BrushOp: _brush,
-    MergeOp: _merge,
-    SplitOp: _split,
-    RelabelOp: _relabel,
-}
 
 
 def count(mask: Mask) -> int:

@@ -275,14 +275,9 @@ class Target:
             if parse_key(dotted(path)) != path:
                 raise impossible(f"a variant cannot change {dotted(path)[:80]}", "edit the file itself")
             made[dotted(path)] = None if value is ABSENT else value
-        rest = {
-            key: value for key, value in self._edits.items() if key in made or not _is_below(key, changes)
-        }
-        others = {key: value for key, value in rest.items() if key not in made}
-        for edits in (
-            {**rest, **made},
-            {**others, **made},
-        ):  # a later key may override one that stays in its place
+        others = {key: value for key, value in self._edits.items() if not _is_below(key, changes)}
+        in_place = {key: value for key, value in self._edits.items() if key in made or key in others}
+        for edits in (in_place | made, others | made):  # a later key may override one that stays in its place
             now = _with_edits(self._whole, edits)
             if all(same(now.get(key), data.get(key)) for key in {*now, *data} - set(SEALED)):
                 self._write_edits(edits)
@@ -400,7 +395,7 @@ def _remove(target: Target, path: KeyPath) -> str:
         data = deepcopy(target.data)
         take(data, path)
         if len(path) == 2 and path[0] == "forces":
-            _change_edits(data, lambda key: _without_forces(key, [path[1]]))
+            names += _change_edits(data, lambda key: None if _is_of_force(key) else key)
         elif len(path) == 2 and path[0] in NAMED:
             _change_edits(data, lambda key: None if key[:2] == path else key)
     target.write(data)
@@ -446,36 +441,26 @@ def replaced(data: Data, name: str, to: str | None) -> tuple[Data, list[str]]:
     joints = list(data.get("joints") or {})
     forces = _refer(data, name, to, gone)
     if forces:
-        gone.insert(0, "its force" if len(forces) == 1 else f"its {len(forces)} forces")
-        _change_edits(data, lambda key: _without_forces(key, forces))
+        gone.insert(0, "its force" if forces == 1 else f"its {forces} forces")
     lost = {("joints", joint) for joint in joints if joint not in data["joints"]}
-    _change_edits(data, lambda key: None if key[:2] in lost else key)
-    for variant, edits in _entries(data, "variants"):
-        made: Data = {}
-        for key, value in edits.items():
-            path = parse_key(key) or ()
-            if path[:2] != ("objects", name):
-                value = _refer_in_edit(path, value, name, to)
-                if value is not ABSENT:
-                    made[key] = value
-            elif to is not None and not merged:
-                made[dotted(("objects", to, *path[2:]))] = value
-            elif merged:
-                gone.append(f"{key} of {variant}")
-        data["variants"][variant] = made
-    return data, gone
+
+    def change(key: KeyPath) -> KeyPath | None:
+        if key[:2] == ("objects", name):
+            return None if to is None or merged else ("objects", to, *key[2:])
+        return None if key[:2] in lost or (forces and _is_of_force(key)) else key
+
+    return data, gone + _change_edits(data, change)
 
 
-def _refer(part: Data, name: str, to: str | None, gone: list[str]) -> list[int]:
-    """Replace an object's name wherever a scene refers to it, in place; returns the numbers of forces that go."""
-    dropped: list[int] = []
-    forces = part.get("forces")
+def _refer(part: Data, name: str, to: str | None, gone: list[str]) -> int:
+    """Replace an object's name wherever a scene refers to it, in place; returns the number of forces that go."""
+    forces, dropped = part.get("forces"), 0
     if isinstance(forces, list):
-        for at, force in enumerate(forces):
-            if isinstance(force, dict) and force.get("object") == name:
-                force["object"] = to
-                dropped += [at] if to is None else []
-        part["forces"] = [force for at, force in enumerate(forces) if at not in dropped]
+        own = [force for force in forces if isinstance(force, dict) and force.get("object") == name]
+        for force in own:
+            force["object"] = to
+        dropped = len(own) if to is None else 0
+        part["forces"] = [force for force in forces if to is not None or force not in own]
     for section in ("joints", "fields"):
         for key, entry in _entries(part, section):
             names = entry.get("objects")
@@ -497,37 +482,25 @@ def _refer(part: Data, name: str, to: str | None, gone: list[str]) -> list[int]:
     return dropped
 
 
-def _refer_in_edit(path: KeyPath, value: Any, name: str, to: str | None) -> Any:
-    """The value of a variant's key with another name for an object; ABSENT where the key has no meaning any more."""
-    whole = deepcopy(value)
-    place = tuple(0 if isinstance(part, int) or part == "[*]" else part for part in path)
-    for part in reversed(place):  # an item's number makes no difference here
-        whole = [whole] if part == 0 else {part: whole}
-    if not isinstance(whole, dict):
-        return value
-    _refer(whole, name, to, [])
-    return reach(whole, place)
-
-
-def _change_edits(data: Data, change: Callable[[KeyPath], KeyPath | None]) -> None:
-    """Give the keys of all variants other paths, or (None) remove them."""
+def _change_edits(data: Data, change: Callable[[KeyPath], KeyPath | None]) -> list[str]:
+    """Give the keys of all variants other paths, or (None) remove them; returns those, in words."""
+    gone = []
     for variant, edits in _entries(data, "variants"):
         made: Data = {}
         for key, value in edits.items():
             path = parse_key(key) or ()
             new = change(path)
-            if new is not None:
+            if new is None:
+                gone.append(f"{key} of {variant}")
+            else:
                 made[key if new == path else dotted(new)] = value
         data["variants"][variant] = made
+    return gone
 
 
-def _without_forces(key: KeyPath, gone: Sequence[Any]) -> KeyPath | None:
-    """A variant's key once forces went: None for one of those; later forces have smaller numbers."""
-    if len(key) < 2 or key[0] != "forces" or not isinstance(key[1], int):
-        return key
-    if key[1] in gone:
-        return None
-    return ("forces", key[1] - sum(at < key[1] for at in gone), *key[2:])
+def _is_of_force(key: KeyPath) -> bool:
+    """Whether a variant's key counts the forces, of which one goes."""
+    return len(key) > 1 and key[0] == "forces"
 
 
 def _entries(data: Data, section: str) -> list[tuple[str, Data]]:

@@ -129,24 +129,18 @@ def _of_one(
     for key, guess in sources.items():
         sure = source(guess).sure
         value = f"{where}.{key}" if key else where
-        place = f"{where}.from"
-        if sure is None or sure >= SURE or provenance.of(value, guess, written_at=place).kind != "guess":
+        if sure is None or sure >= SURE:
             continue
-        found.append((sure, key, f"{guess.rpartition(' ')[0]}, {sure:.0%}"))
+        if provenance.of(value, guess, written_at=f"{where}.from").kind == "guess":
+            found.append((sure, key, f"{key or path[-1]} ({guess.rpartition(' ')[0]}, {sure:.0%})"))
     found.sort()
-    subject = path[-1] if name is None else ""
-    for of_mask in (True, False):
-        group = [one for one in found if (one[1] == "mask") is of_mask]
-        if not group:
-            continue
-        what = "; ".join(f"{key or subject} ({guess})" for _, key, guess in group)
-        first = group[0][1]
+    if found:
+        least, first, _ = found[0]
         value = f"{where}.{first}" if first else where
         at = {"object": name, "path": value, "line": _line(scene, value) or _line(scene, where)}
-        ops: list[Data] = [{"unset": [*path, "from", key] if key else [*path, "from"]} for _, key, _ in group]
-        if len(group) == len(sources):
-            ops = [{"unset": [*path, "from"]}]
-        yield group[0][0], _row("doubt", at, what, "it is right as it is", ops)
+        keys = [[]] if len(found) == len(sources) else [[key] for _, key, _ in found]
+        ops: list[Data] = [{"unset": [*path, "from", *key]} for key in keys]
+        yield least, _row("doubt", at, "; ".join(what for *_, what in found), "it is right as it is", ops)
 
 
 def _maybe(text: str, scene: Scene, compiled: Compiled) -> Iterator[tuple[float, Data]]:

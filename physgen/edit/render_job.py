@@ -20,7 +20,6 @@ from typing import IO, Any
 
 from physgen.edit.errors import EditError, Why, impossible
 from physgen.export.video import Format
-from physgen.problems import InputError
 
 Data = dict[str, Any]
 
@@ -127,17 +126,9 @@ class RenderJob:
         found = ["render", str(self.path), "-o", str(self.output)]
         found += [] if variant is None else ["--variant", variant]
         found += [] if format == "mp4" else ["--format", format]
-        found += [] if refine or not self._asks_for_refinement(variant) else ["--refine", "none"]
+        found += [] if refine else ["--refine", "none"]
         found += ["--allow-outside"] if self.allow_outside else []
         return found
-
-    def _asks_for_refinement(self, variant: str | None) -> bool:
-        from physgen.scene.load import load
-
-        try:
-            return load(self.path, (), variant, self.allow_outside).refine.backend != "none"
-        except InputError:
-            return False
 
     def _run(self, commands: Sequence[Sequence[str]], variants: Sequence[str | None]) -> None:
         error: Data | None = None

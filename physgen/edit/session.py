@@ -25,8 +25,6 @@ from physgen.problems import InputError
 from physgen.scene.document import MAX_BYTES, decode
 from physgen.scene.files import MAPS, RefusedError, confined, scene_bytes
 
-WATCH_INTERVAL = 0.1
-"""s between looks at the file; a change is read when the file stayed the same for one."""
 PAUSE = 5.0
 """s after which an edit is a step of its own, whatever its tag."""
 MAX_STEPS = 200
@@ -153,8 +151,7 @@ class Session:
         """Whether it continues what an editor left that ended before everything was saved."""
         self.live = Live(path, allow_outside)
         self.pictures = Pictures(self.live)
-        self._watch = Watch(self.real, self.look_outside)
-        self._watch.start()
+        self._stamp = self._read = file_stamp(self.real)
 
     @property
     def now(self) -> State:
@@ -172,7 +169,6 @@ class Session:
 
     def close(self) -> Path | None:
         """End. Returns the draft's folder where something is not saved."""
-        self._watch.end()
         with self._edits:
             if self.is_saved:
                 self.draft.close(())
@@ -401,11 +397,21 @@ class Session:
         write_durably(self.real, (codecs.BOM_UTF8 if self._bom else b"") + self.now.text.encode())
 
     def look_outside(self) -> None:
-        """Take in what another program did to the file."""
-        with self._edits:
+        """Take in what another program did to the file, once it stayed the same from one call to the next."""
+        if not self._edits.acquire(blocking=False):
+            return  # the next call looks again
+        try:
+            before, self._stamp = self._stamp, file_stamp(self.real)
+            if self._stamp == self._read or self._stamp != before:
+                return
             outcome = self._look_outside()
+            self._read = self._stamp
             if outcome is not None:
                 self._send({"type": "file", "outcome": outcome, "version": self.history.version})
+        except OSError:  # a full disk, say
+            pass
+        finally:
+            self._edits.release()
 
     def _look_outside(self) -> str | None:
         """`taken`, `clash`, `gone`, or None for no change: what was not edited here is taken in."""
@@ -454,29 +460,3 @@ def _assets(text: str, home: Path, allow_outside: bool) -> Path | None:
                 f"{name}.png is a link to a file elsewhere", "put a copy in its place, then save"
             )
     return folder
-
-
-class Watch(threading.Thread):
-    """Watches one file until `end`; `changed` is called in this thread, after each change, until it succeeds."""
-
-    def __init__(self, path: Path, changed: Callable[[], None]) -> None:
-        super().__init__(name="watch", daemon=True)
-        self._path, self._changed = path, changed
-        self._ended = threading.Event()
-        self._seen = file_stamp(path)
-
-    def run(self) -> None:
-        """Until `end`."""
-        before = self._seen
-        while not self._ended.wait(WATCH_INTERVAL):
-            now = file_stamp(self._path)
-            if now != self._seen and now == before:
-                with suppress(OSError):  # a full disk, say
-                    self._changed()
-                    self._seen = now
-            before = now
-
-    def end(self) -> None:
-        """No further call once this returns."""
-        self._ended.set()
-        self.join()

@@ -61,7 +61,7 @@ export function start(editor) {
     go.title = errors ? "Mend the errors of the file first" : picked().length ? "" : "Choose what to render";
     if (panel.panel.hidden || !editor.state) return;
     const mine = (wanted += 1), chosen = picked();
-    const line = (variant) => editor.request("GET", `/api/command?${new URLSearchParams({ format: format.value, refine: String(refine.checked), ...(variant === null ? {} : { variant }) })}`);
+    const line = (variant) => editor.request("GET", `/api/command?${new URLSearchParams({ format: format.value, refine: String(refine.checked || refine.disabled), ...(variant === null ? {} : { variant }) })}`);
     try {
       const found = await Promise.all(chosen.map(line));
       if (mine === wanted) command.textContent = found.map((one) => one.command).join(" && ");
@@ -75,7 +75,7 @@ export function start(editor) {
     for (let tries = 0; ; tries += 1) {
       await editor.idle();
       try {
-        return await editor.request("POST", "/api/render", { version: editor.state.version, variants: picked(), format: format.value, refine: refine.checked });
+        return await editor.request("POST", "/api/render", { version: editor.state.version, variants: picked(), format: format.value, refine: refine.checked || refine.disabled });
       } catch (refused) {
         if (refused.body?.version === undefined || tries === 4) throw refused;
         await editor.refresh();

@@ -268,9 +268,8 @@ def test_what_named_the_one_names_the_other_once_they_are_merged(desk: Desk) -> 
                    "rod": {"objects": [disc, block], "pivot": [120, 80]}},
         "render": {"camera": {"follow": block, "zoom": 2}},
         "variants": {"fast": {f"objects.{block}.velocity": [90, 0], f"objects.{block}.mass": 3,
-                              "forces": [{"object": block, "impulse": [1, 0]}]},
-                     "held": {f"objects.{block}.motion": "static", f"objects.{disc}.motion": "dynamic"},
-                     "blown": {"fields.wind.objects": [block, disc]}},
+                              "world.duration": 2},
+                     "held": {f"objects.{block}.motion": "static", f"objects.{disc}.motion": "dynamic"}},
     }  # fmt: skip
     desk.text += yaml.safe_dump(more)
     made = desk.do(kind="merge", objects=[disc, block])
@@ -282,9 +281,8 @@ def test_what_named_the_one_names_the_other_once_they_are_merged(desk: Desk) -> 
     assert {name: told["objects"] for name, told in data["joints"].items()} == {"pin": [disc]}
     assert data["render"]["camera"]["follow"] == disc
     assert data["variants"] == {
-        "fast": {"forces": [{"object": disc, "impulse": [1, 0]}]},
+        "fast": {"world.duration": 2},
         "held": {f"objects.{disc}.motion": "dynamic"},
-        "blown": {"fields.wind.objects": [disc]},
     }
     for left in ("joint rod", f"objects.{block}.velocity of fast", f"objects.{block}.motion of held"):
         assert left in made.what

@@ -19,7 +19,6 @@ from served import Killable, Served
 
 from physgen.cli.edit import edit as _edit  # noqa: F401 the command imports without the server
 from physgen.cli.main import main
-from physgen.edit.session import Watch
 
 Serve = Callable[..., Served]
 
@@ -127,31 +126,6 @@ def test_a_save_is_not_taken_for_another_program(serving: Serve) -> None:
     with hearing(served, "file") as next_one:
         served.scene.write_text(served.state["text"] + "# theirs\n")
         assert next_one()["version"] == version + 1  # theirs is the first that was noticed
-
-
-def test_a_change_is_noticed_once_it_is_whole(tmp_path: Path) -> None:
-    path = tmp_path / "scene.yaml"
-    path.write_text("a")
-    seen: list[str] = []
-    came = threading.Event()
-
-    def changed() -> None:
-        seen.append(path.read_text() if path.exists() else "gone")
-        came.set()
-
-    watch = Watch(path, changed)
-    watch.start()
-    for what in ("bb", "ccc"):
-        path.write_text(what)
-        assert came.wait(30)
-        came.clear()
-        assert seen[-1] == what
-    path.unlink()
-    assert came.wait(30)
-    assert seen[-1] == "gone"
-    watch.end()
-    path.write_text("d")
-    assert seen[-1] == "gone"
 
 
 def test_a_change_that_cannot_be_taken_in_is_looked_at_again(serving: Serve, monkeypatch) -> None:
