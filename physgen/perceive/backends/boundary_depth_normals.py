@@ -35,15 +35,17 @@ from physgen.perceive.roles import (
     Scenery,
     Wall,
 )
-from physgen.perceive.support.motion_plane import (
+from physgen.perceive.support.section import (
     LEAST_FACING,
+    Edge,
     above_below,
+    extend_floors,
     hidden_by_objects,
     normalised_depth,
+    section_edges,
     side_section,
     top_section,
 )
-from physgen.perceive.support.section_edges import Edge, extend_floors, section_edges
 from physgen.perceive.support.supports import add_supports, depth_inside, free_parts
 from physgen.perceive.support.viewpoint import guess_view
 from physgen.scene.scene import View
@@ -94,11 +96,11 @@ def _depth_normals(
     if not len(objects) or not (labels > 0).any():
         return BoundaryGuess(found, sure, reason, (border,))
     if found is View.TOP:
-        section = top_section(even, facing, labels, objects, scenery)
+        section = top_section(even, labels, objects, scenery)
         cushions = _walls(section_edges(section, facing), objects, scenery, [border], found)
         return BoundaryGuess(found, sure, reason, (border, *cushions))
     stood = lay_floors(rgb, labels, objects, groups)
-    section = side_section(even, labels, objects, groups, scenery)
+    section = side_section(even, facing, labels, objects, groups, scenery)
     floors, others = extend_floors(stood.walls, section_edges(section, facing), section, stood.objects)
     walls = [border, *floors]
     more, held = add_supports(stood.objects, walls, stood.grip, FRICTION, ELASTICITY)
@@ -168,6 +170,7 @@ def _walls(
 
 def _is_rim(edge: Edge) -> bool:
     """Whether it ends a plane nearer than the objects' that faces elsewhere, as the side rim of a table's top."""
+    assert edge.facing is not None
     across = edge.facing[:2]
     return bool(np.hypot(*across) > UP and across @ edge.out < SECTION * np.hypot(*across))
 
@@ -183,6 +186,7 @@ def _kind(edge: Edge, view: View) -> str:
 def _reason(edge: Edge, view: View) -> str:
     if view is View.TOP:
         return "what is beyond rises above the table, as high as the objects"
+    assert edge.facing is not None
     x, y, z = np.abs(edge.facing)
     plane = "upright face" if z >= max(x, y) else "level face" if y > x else "side"
     return f"the end of a flat {plane} that is as near as the objects; what is beyond is farther away"
