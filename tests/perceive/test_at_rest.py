@@ -15,7 +15,7 @@ from physgen.perceive.backends.boundary_support import support
 from physgen.perceive.document import write_scene
 from physgen.perceive.perceive import fit_objects, perceive
 from physgen.perceive.segment.prompts import from_masks
-from physgen.perceive.support.equilibrium import contacts, nonnegative_least_squares, unstable_objects
+from physgen.perceive.support.equilibrium import contacts, unstable_objects
 from physgen.perceive.support.ground_contact import fit_rectangle
 from physgen.perceive.support.supports import depth_inside, free_parts
 
@@ -180,12 +180,6 @@ def test_three_balls_roll_apart_unless_something_is_beside_them():
     assert unstable_objects(balls, contacts(balls, [ground]), {}, default=0.1) != []
     beside = [np.array([[s * 20.0, -40], [s * 20.0, 0]]) for s in (-1, 1)]
     assert unstable_objects(balls, contacts(balls, [ground, *beside]), {}, default=0.1) == []
-
-
-def test_forces_only_push():
-    matrix = np.array([[1.0, -1.0], [0.0, 1.0]])
-    assert nonnegative_least_squares(matrix, np.array([1.0, 2.0])) == pytest.approx([3.0, 2.0])
-    assert nonnegative_least_squares(matrix, np.array([-1.0, 0.0])) == pytest.approx([0.0, 0.5])
 
 
 def test_a_chain_is_cut_where_it_would_enter_something():

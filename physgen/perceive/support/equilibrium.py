@@ -2,8 +2,8 @@
 
 An object stands where forces at its contacts, each within its cone of Coulomb friction, can balance its weight and its
 neighbours' (Palmer 1987, The complexity of simple mechanisms; Whiting et al. 2009, masonry): a least-squares problem
-with forces that only push, solved by an active set (Lawson and Hanson 1974, chapter 23), of many objects by an interior
-point method (Wright 1997, Primal-dual interior-point methods). Image axes, px; weight is proportional to area.
+with forces that only push, solved by an interior point method (Wright 1997, Primal-dual interior-point methods). Image
+axes, px; weight is proportional to area.
 """
 
 from __future__ import annotations
@@ -306,15 +306,10 @@ class _Forces:
         The worst of a level photo and of one tilted a little either way: an object that only just stands will fall.
         """
         pairs, parts = self._columns(free)
-        matrix = _dense(len(free), pairs, parts) if len(free) <= MANY else None
         worst = np.zeros(len(free))
         for tilt in (0.0, -TILTED, TILTED):
             wanted = np.tile([-np.sin(tilt), -np.cos(tilt), 0.0], (len(free), 1))
-            if matrix is None:
-                rest = unbalanced_forces(pairs, parts, wanted)
-            else:
-                forces = nonnegative_least_squares(matrix, wanted.ravel())
-                rest = (wanted.ravel() - matrix @ forces).reshape(-1, 3)
+            rest = unbalanced_forces(pairs, parts, wanted)
             worst = np.maximum(worst, np.abs(rest).max(axis=1))
         return dict(zip(free, worst.tolist(), strict=True))
 
@@ -345,37 +340,6 @@ class _Forces:
                     pairs.append([place.get(i, -1) for i in both])
                     parts.append(column / max(np.abs(column).max(), 1e-12))
         return np.array(pairs, np.int64).reshape(-1, 2), np.array(parts).reshape(-1, 2, 3)
-
-
-def _dense(count: int, pairs: Pairs, parts: Array) -> Array:
-    """`(3 count, M)`: the columns as `unbalanced_forces` takes them, written out."""
-    columns = np.zeros((len(pairs), count + 1, 3))
-    for k in (0, 1):
-        columns[np.arange(len(pairs)), pairs[:, k]] += parts[:, k]
-    return columns[:, :count].reshape(len(pairs), 3 * count).T
-
-
-def nonnegative_least_squares(matrix: Array, wanted: Array) -> Array:
-    """x >= 0 of least |matrix x - wanted| (Lawson and Hanson's NNLS; importing SciPy takes longer than solving)."""
-    count = matrix.shape[1]
-    x, used = np.zeros(count), np.zeros(count, bool)
-    for _ in range(3 * count):
-        gain = matrix.T @ (wanted - matrix @ x)
-        gain[used] = -np.inf
-        if not count or gain.max() <= 1e-7:
-            break
-        used[int(gain.argmax())] = True
-        while True:
-            trial = np.zeros(count)
-            trial[used] = np.linalg.lstsq(matrix[:, used], wanted, rcond=None)[0]
-            negative = used & (trial <= 1e-12)
-            if not negative.any():
-                break
-            share = (x[negative] / np.maximum(x[negative] - trial[negative], 1e-15)).min()
-            x = x + share * (trial - x)
-            used &= x > 1e-12
-        x = trial
-    return x
 
 
 def unbalanced_forces(pairs: Pairs, parts: Array, wanted: Array) -> Array:
