@@ -1,6 +1,6 @@
 """How long a gallery of 1,000 and of 5,000 clips takes to open, search, sort and lay out, in headless Chromium.
 
-Clips are folders with the manifest of one drawn scene each, a sweep over two keys; each has a poster and a strip of its
+Clips are folders with the manifest of one drawn scene each, a sweep over two keys; each has a poster of its
 own, of 16 real films in turn. `pictures`: beside the page, or inside it as data URIs. Files are in the system's cache.
 """
 
@@ -19,8 +19,8 @@ import numpy as np
 
 from physgen.export.video import Format, open_video
 from physgen.report.clips import clips_in
-from physgen.report.films import poster_and_strip
-from physgen.report.gallery import ClipPictures, gallery_page, write_gallery
+from physgen.report.films import poster
+from physgen.report.gallery import gallery_page, write_gallery
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "tests"))
@@ -51,7 +51,7 @@ def film(path: Path, seed: int) -> None:
 
 def folders(home: Path, count: int, films: list[Path]) -> None:
     """As many output folders, and the pictures of each where the gallery looks for them."""
-    made = [poster_and_strip(path, FRAMES) for path in films]
+    made = [poster(path) for path in films]
     beside = home / "index.files"
     beside.mkdir(parents=True)
     side = round(count**0.5)
@@ -84,8 +84,7 @@ def folders(home: Path, count: int, films: list[Path]) -> None:
             "document": {"world": {"duration": 2, "gravity": [0, 980]}, "objects": objects},
         }
         (folder / "manifest.json").write_text(json.dumps(manifest))
-        for data, kind in zip(made[k % len(made)], ("poster", "strip"), strict=True):
-            (beside / f"{seal[:20]}.{kind}.webp").write_bytes(data)
+        (beside / f"{seal[:20]}.poster.webp").write_bytes(made[k % len(made)])
 
 
 def inside(home: Path) -> None:
@@ -93,11 +92,7 @@ def inside(home: Path) -> None:
     clips = clips_in([home])
     beside = home / "index.files"
     held = [
-        ClipPictures(
-            "data:image/webp;base64,"
-            + base64.b64encode((beside / f"{c.seal}.poster.webp").read_bytes()).decode(),
-            f"./index.files/{c.seal}.strip.webp",
-        )
+        "data:image/webp;base64," + base64.b64encode((beside / f"{c.seal}.poster.webp").read_bytes()).decode()
         for c in clips
     ]
     (home / "inside.html").write_text(gallery_page(clips, held, home, "inside"))
@@ -134,8 +129,7 @@ def gallery(folder: Path) -> list[dict]:
         films.append(folder / f"film-{seed}" / "video.mp4")
         film(films[-1], seed)
     began = time.process_time()
-    sizes = [tuple(map(len, poster_and_strip(path, FRAMES))) for path in films]
-    poster, strip = np.mean(sizes, axis=0) / 1000
+    size = np.mean([len(poster(path)) for path in films]) / 1000
     rows = []
     for count in COUNTS:
         home = folder / str(count)
@@ -153,8 +147,15 @@ def gallery(folder: Path) -> list[dict]:
             with launched() as browser:
                 runs = [opened(browser, page, view) for _ in range(RUNS)]
             row = {key: round(median(run[key] for run in runs), 3) for key in runs[0]}
-            size = round(page.stat().st_size / 1e6, 2)
+            megabytes = round(page.stat().st_size / 1e6, 2)
             rows.append(
-                {"clips": count, "view": view, "pictures": where, "made": round(made, 2), "mb": size, **row}
+                {
+                    "clips": count,
+                    "view": view,
+                    "pictures": where,
+                    "made": round(made, 2),
+                    "mb": megabytes,
+                    **row,
+                }
             )
-    return [{**row, "poster_kb": round(poster, 1), "strip_kb": round(strip, 1)} for row in rows]
+    return [{**row, "poster_kb": round(size, 1)} for row in rows]

@@ -3,18 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import json
-from collections.abc import Iterator
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 from physgen.cli.arguments import Command, Parser, add_device, count, labels, number, two_sides, whole
 from physgen.cli.clips import add_overlays, check_formats, check_names, make_all, variants_of
-from physgen.cli.output import print_error
 from physgen.problems import InputError
-
-if TYPE_CHECKING:
-    from physgen.batch.run import Done
 
 
 def export(options: argparse.Namespace) -> int:
@@ -43,32 +35,7 @@ def export(options: argparse.Namespace) -> int:
         for variant in variants_of(path, options)
     ]
     check_names(jobs)
-    lines: dict[str, None] = {}
-
-    def on_done(done: Done) -> None:
-        if options.frames and done.folder is not None:
-            lines.update(dict.fromkeys(_plays(done.folder, options)))
-
-    code = make_all(jobs, len(jobs), options, on_done, gallery=False)
-    for line in lines:
-        print_error(line)
-    return code
-
-
-def _plays(folder: Path, options: argparse.Namespace) -> Iterator[str]:
-    """How long a clip plays with the requested frames."""
-    try:
-        manifest = json.loads((folder / "manifest.json").read_bytes())
-        count, fps = len(manifest["frames"]), float(manifest["video"]["fps"])
-        duration, long = float(manifest["document"]["world"]["duration"]), count / fps
-    except (OSError, ValueError, KeyError, TypeError, ZeroDivisionError):
-        return
-    plays = f"{count} frames at {fps:g} fps play for {long:.3g} s"
-    if any(text.startswith("world.duration=") for text in options.set) or abs(long - duration) < 1e-9:
-        yield plays
-        return
-    stays = "the duration of the motion is still that of the scene"
-    yield f"{plays}; {stays}: --set world.duration={long:.6g} shows it at its true speed"
+    return make_all(jobs, len(jobs), options, gallery=False)
 
 
 def _film_edits(options: argparse.Namespace) -> list[str]:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import platform
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from enum import Enum
 from errno import EDQUOT, EFBIG, ENOSPC
 from fractions import Fraction
 from pathlib import Path
-from queue import Queue
-from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -92,43 +92,28 @@ def open_video(
 def encode_in_thread(writes: Sequence[Write]) -> Iterator[Write]:
     """A function that hands a frame to all `writes` and comes back at once: a thread encodes while frames are made.
 
-    Frames wait in line, no more than `WAITING`; what goes wrong with one is raised by the next call or at the end.
+    Frames wait in line, no more than `WAITING`; what goes wrong with one is raised by a later call or at the end.
     """
-    line: Queue[U8 | None] = Queue(WAITING)
-    wrong: list[BaseException] = []
+    waiting: deque[Future[None]] = deque()
 
-    def encode() -> None:
-        while (rgb := line.get()) is not None:
-            if wrong:
-                continue  # the queue is emptied, so that no caller waits for ever
-            try:
-                for write in writes:
-                    write(rgb)
-            except BaseException as error:
-                wrong.append(error)
+    def encode(rgb: U8) -> None:
+        for write in writes:
+            write(rgb)
 
-    thread = Thread(target=encode, name="encode", daemon=True)
-    thread.start()
+    with ThreadPoolExecutor(1, "encode") as thread:
 
-    def put(rgb: U8) -> None:
-        if wrong:
-            raise wrong[0]
-        line.put(rgb)
+        def put(rgb: U8) -> None:
+            while waiting and (len(waiting) >= WAITING or waiting[0].done()):
+                waiting.popleft().result()
+            waiting.append(thread.submit(encode, rgb))
 
-    try:
-        yield put
-    except BaseException as error:
-        wrong.append(error)  # waiting frames are dropped
-        raise
-    finally:
-        line.put(None)
-        while thread.is_alive():  # whatever comes: no file may be closed that is written to
-            try:
-                thread.join()
-            except KeyboardInterrupt:
-                wrong.append(KeyboardInterrupt())
-    if wrong:
-        raise wrong[0]
+        try:
+            yield put
+            for one in waiting:
+                one.result()
+        except BaseException:
+            thread.shutdown(cancel_futures=True)  # waiting frames are dropped
+            raise
 
 
 @contextmanager

@@ -83,10 +83,6 @@ def render_scene(
                 draws.save(folder)
             if options.formats and options.page is not Page.NONE:
                 run.write_page(trajectory, first, folder, changed, draws)
-        if not options.draws:
-            _warn_of_removed_draws(run.final, warn)
-        if options.formats:
-            run.labels.warn_of_removed(run.final, warn)
         if not run.inputs_unchanged():
             run.record.mark = ""  # the next run makes it again: which of the two was drawn is unknown
         write_manifest(run.record, folder)
@@ -314,15 +310,6 @@ def _manifest(folder: Path) -> dict[str, Any]:
     except (OSError, ValueError):
         return {}
     return found if isinstance(found, dict) else {}
-
-
-def _warn_of_removed_draws(folder: Path, warn: Warn) -> None:
-    """Warn of the draws of an earlier run, which the new clip does not have."""
-    before = _manifest(folder).get("fan")
-    if (folder / TABLE).is_file() and isinstance(before, dict) and isinstance(before.get("draws"), int):
-        what = f"had a fan of {before['draws']} draws, which was not asked for this time, and goes"
-        fix = f"render with --fan {before['draws']} to have it again"
-        warn(Problem(Place(str(folder)), "", "", what, fix, Severity.WARNING))
 
 
 def _kept(folder: Path, what: str) -> Problem:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from physgen.pipeline.stages import Film
-from physgen.problems import InputError, Place, Problem, Severity, Warn
+from physgen.problems import InputError
 from physgen.progress import Progress
 
 if TYPE_CHECKING:
@@ -56,21 +56,6 @@ class Labels:
             expected = f"holds {listed(lost, 'and')} of an earlier run, which would go"
             fix = "name all formats at once, or choose another folder with -o"
             raise InputError.of(str(final), "", expected, fix)
-
-    def warn_of_removed(self, final: Path, warn: Warn) -> None:
-        """Warn of labels of an earlier run that the new clip does not have; in the same words for all clips."""
-        from physgen.export.formats import FORMATS
-        from physgen.report.folders import recorded_files
-        from physgen.text import listed
-
-        parts = [name.split("/") for name in recorded_files(final) if "/" in name]
-        had = {path[1] if path[0] == "truth" else path[0] for path in parts if path[0] != "frames"}
-        had &= {kind.name for kind in FORMATS}
-        now = {kind.name for kind in self.kinds}
-        if gone := sorted(had - now):
-            what = f"had labels that were not asked for this time, and go: {listed(gone, 'and')}"
-            fix = f"add --export {','.join(sorted(had | now))} to have them again"
-            warn(Problem(Place(str(final.parent)), "", "", what, fix, Severity.WARNING))
 
     @contextmanager
     def exported(self, film: Film, trajectory: Trajectory, folder: Path, record: RunRecord) -> Iterator[Tap]:

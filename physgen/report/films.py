@@ -1,4 +1,4 @@
-"""The film of a clip on a page: linked or embedded, with a poster and a strip of frames."""
+"""The film of a clip on a page: linked or embedded, with a poster."""
 
 from __future__ import annotations
 
@@ -22,12 +22,10 @@ MAILED = 50_000_000
 """Bytes of a page that most mailboxes accept."""
 BEST = (".mp4", ".webp", ".gif")
 """Films, the best first: only a video plays in step with the player. A folder of frames comes last."""
-SIDE, CELL = 480, 240
-"""px of the longer side of a poster, and of one frame of the strip, at most."""
-MOST, ACROSS = 16, 4
-"""Frames of a strip, and of a row of it."""
-QUALITY, STRIP_QUALITY = 80, 50
-"""Of WebP. A poster takes about 8 kB, a strip 33 kB (docs/benchmarks.md)."""
+SIDE = 480
+"""px of the longer side of a poster, at most."""
+QUALITY = 80
+"""Of WebP. A poster takes about 8 kB."""
 
 
 @dataclass(frozen=True)
@@ -90,50 +88,24 @@ def _rgb(file: Path) -> U8:
     return np.asarray(Image.open(file).convert("RGB"))
 
 
-def strip_frames(frames: int) -> int:
-    """Frames in the strip of a film of so many."""
-    return max(min(MOST, frames), 1)
-
-
-def strip_columns(frames: int) -> int:
-    """Frames in a row of it."""
-    return min(ACROSS, strip_frames(frames))
-
-
-def poster_and_strip(film: Path, frames: int) -> tuple[bytes, bytes]:
-    """The middle of the film, and the strip, as WebP; frame k of the strip is k / (n - 1) of the way to the last.
-
-    Raises OSError where the film cannot be read.
-    """
-    count, across = strip_frames(frames), strip_columns(frames)
+def poster(film: Path) -> bytes:
+    """The middle frame of a film, as WebP. Raises OSError where it cannot be read."""
     try:
-        found = _frames(film, count)
-    except (SyntaxError, ValueError, EOFError) as error:  # Pillow calls a broken PNG a SyntaxError
+        if film.suffix == ".mp4":
+            middle = sample_frames(film, 3, SIDE)[1:2] or sample_frames(film, 1, SIDE)
+            frame = middle[0]
+        elif film.suffix == ".png":
+            files = sorted(film.parent.glob("*.png"))
+            frame = _rgb(files[len(files) // 2])
+        else:
+            with Image.open(film) as pages:
+                pages.seek(getattr(pages, "n_frames", 1) // 2)
+                frame = np.asarray(pages.convert("RGB"))
+    except (
+        SyntaxError,
+        ValueError,
+        EOFError,
+        IndexError,
+    ) as error:  # Pillow calls a broken PNG a SyntaxError
         raise OSError(f"{film} cannot be read: {error}") from error
-    if not found:
-        raise OSError(f"{film} has no frames")
-    taken = [found[k * len(found) // count] for k in range(count)]
-    cells = [fitted(frame, CELL) for frame in taken]
-    cells += [np.zeros_like(cells[0])] * (-len(cells) % across)
-    rows = [np.concatenate(cells[k : k + across], 1) for k in range(0, len(cells), across)]
-    poster = encoded(taken[len(taken) // 2], "WEBP", quality=QUALITY)
-    return poster, encoded(np.concatenate(rows), "WEBP", quality=STRIP_QUALITY)
-
-
-def _frames(film: Path, count: int) -> list[U8]:
-    """Up to so many, evenly from the first to the last, none larger than a poster."""
-    if film.suffix == ".mp4":
-        return sample_frames(film, count, SIDE)
-    if film.suffix == ".png":
-        files = sorted(film.parent.glob("*.png"))
-        return [fitted(_rgb(files[k]), SIDE) for k in _evenly(len(files), count)]
-    found = []
-    with Image.open(film) as pages:
-        for index in _evenly(getattr(pages, "n_frames", 1), count):
-            pages.seek(index)
-            found.append(fitted(np.asarray(pages.convert("RGB")), SIDE))
-    return found
-
-
-def _evenly(frames: int, count: int) -> list[int]:
-    return sorted(set(np.linspace(0, frames - 1, count).round().astype(int).tolist())) if frames else []
+    return encoded(fitted(frame, SIDE), "WEBP", quality=QUALITY)

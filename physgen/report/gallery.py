@@ -1,6 +1,6 @@
 """The gallery page of many clips: cards, filters and sorting.
 
-Posters and strips lie in `<page>.files` beside the page, named by the hash of their film: a page that is made again
+Posters lie in `<page>.files` beside the page, named by the hash of their film: a page that is made again
 creates only new ones. All text from outside is escaped.
 """
 
@@ -25,9 +25,9 @@ from physgen import __version__
 from physgen.files import back_up, resource, write_atomic
 from physgen.problems import InputError
 from physgen.report.clips import Clip, clips_in
-from physgen.report.films import poster_and_strip, strip_columns, strip_frames
+from physgen.report.films import poster
 from physgen.report.folders import remove_leftovers
-from physgen.report.html import data_uri, script_json, template
+from physgen.report.html import script_json, template
 from physgen.report.sweep_keys import SweptKey, swept_keys
 from physgen.text import natural
 
@@ -48,7 +48,7 @@ MOST_CHOICES = 8
 """Values of a key that are offered one by one; more become a range."""
 BARS = 16
 """Of a range's histogram."""
-_OURS = re.compile(r"[0-9a-f]{20}\.((poster|strip)\.webp|film\.mp4)").fullmatch
+_OURS = re.compile(r"[0-9a-f]{20}\.(poster|strip)\.webp").fullmatch
 
 
 @dataclass(frozen=True)
@@ -60,14 +60,6 @@ class Gallery:
     failures: int
     bytes: int
     """Of the page itself."""
-
-
-@dataclass(frozen=True)
-class ClipPictures:
-    """A clip's poster and strip as the page names them; empty where it has none."""
-
-    poster: str = ""
-    strip: str = ""
 
 
 def write_gallery(
@@ -91,7 +83,7 @@ def write_gallery(
     shots = []
     for k, clip in enumerate(clips):
         progress("gallery", k, len(clips))
-        shots.append(clip_pictures(clip, files))
+        shots.append(clip_poster(clip, files))
     names = [root.resolve().name for root in roots]
     if title is None:
         title = ", ".join(dict.fromkeys(names)) if len(set(names)) <= 3 and all(names) else "Gallery"
@@ -100,7 +92,7 @@ def write_gallery(
         back_up(index, keep)
     data = text.encode("utf-8")
     write_atomic(index, data)
-    sweep_files(files, {Path(path).name for shot in shots for path in (shot.poster, shot.strip)})
+    sweep_files(files, {Path(shot).name for shot in shots})
     return Gallery(index, len(clips), sum(bool(clip.problems) for clip in clips), len(data))
 
 
@@ -108,10 +100,10 @@ def keep_pictures(home: Path, index: Path) -> None:
     """Makes the pictures of one clip for a gallery that will be written to `index`; errors are left to that."""
     with suppress(OSError, InputError):
         for clip in clips_in([home]):
-            clip_pictures(clip, index.with_name(f"{index.stem}.files"))
+            clip_poster(clip, index.with_name(f"{index.stem}.files"))
 
 
-def gallery_page(clips: Sequence[Clip], shots: Sequence[ClipPictures], home: Path, title: str) -> str:
+def gallery_page(clips: Sequence[Clip], shots: Sequence[str], home: Path, title: str) -> str:
     """The HTML; paths are relative to `home`."""
     keys, outcomes = swept_keys(clips), sweep_outcomes(clips)
     names = Counter(clip.name for clip in clips)
@@ -157,7 +149,7 @@ def gallery_page(clips: Sequence[Clip], shots: Sequence[ClipPictures], home: Pat
 def _card(
     number: int,
     clip: Clip,
-    shot: ClipPictures,
+    shot: str,
     keys: Sequence[SweptKey],
     values: Sequence[float | str | None],
     home: Path,
@@ -174,10 +166,7 @@ def _card(
         "objects": clip.objects,
         "fps": clip.fps,
         "frames": clip.frames,
-        "shown": strip_frames(clip.frames),
-        "across": strip_columns(clip.frames),
-        "poster": bool(shot.poster),
-        "strip": shot.strip,
+        "poster": bool(shot),
         "film": film,
         "kind": "" if clip.film is None else KINDS.get(clip.film.suffix, ""),
         "values": values,
@@ -195,7 +184,7 @@ def _card(
     return shared | {
         "data": data,
         "number": number,
-        "poster": shot.poster,
+        "poster": shot,
         "facts": _facts(clip),
         "labels": labels[:3],
         "more": len(labels) - 3,
@@ -239,23 +228,19 @@ def link(path: Path, home: Path) -> str:
     return quote(relative if relative.startswith("../") else f"./{relative}")
 
 
-def clip_pictures(clip: Clip, files: Path, single: bool = False) -> ClipPictures:
-    """Poster and strip, made unless they exist (data URIs for a `single` file); none where a film cannot be read."""
+def clip_poster(clip: Clip, files: Path) -> str:
+    """URL of the poster, made unless it exists; empty where the film cannot be read."""
     if clip.film is None or not re.fullmatch("[0-9a-f]{20}", clip.seal):
-        return ClipPictures()
-    paths = [files / f"{clip.seal}.{kind}.webp" for kind in ("poster", "strip")]
-    if not single and all(path.is_file() for path in paths):
-        return ClipPictures(*(link(path, files.parent) for path in paths))
-    try:
-        made = poster_and_strip(clip.film, clip.frames)
-    except OSError:
-        return ClipPictures()
-    if single:
-        return ClipPictures(*(data_uri(data, ".webp") for data in made))
-    files.mkdir(parents=True, exist_ok=True)
-    for path, data in zip(paths, made, strict=True):
-        write_atomic(path, data)
-    return ClipPictures(*(link(path, files.parent) for path in paths))
+        return ""
+    path = files / f"{clip.seal}.poster.webp"
+    if not path.is_file():
+        try:
+            made = poster(clip.film)
+        except OSError:
+            return ""
+        files.mkdir(parents=True, exist_ok=True)
+        write_atomic(path, made)
+    return link(path, files.parent)
 
 
 def sweep_files(files: Path, used: set[str]) -> None:

@@ -22,16 +22,14 @@ function tellTime() {
   part("time").innerHTML = `${time.toFixed(2)} <span class="whole">/ ${longest.toFixed(2)}</span> s`;
 }
 
-function showAll() {
-  for (const shot of inView()) show(shot);
-}
-
-/* where the slider stands: strips at once, films when it rests */
+/* where the slider stands: films follow when it rests */
 function setTime(time) {
   state.time = Math.min(Math.max(time, 0), longest);
   tellTime();
-  for (const { film } of inView()) if (film) film.style.opacity = 0;
-  showAll();
+  settleSoon();
+}
+
+function settleSoon() {
   clearTimeout(settling);
   settling = setTimeout(settle, SETTLE);
 }
@@ -76,7 +74,6 @@ function tick() {
   }
   state.time = Math.min(time, longest);
   tellTime();
-  showAll();
   for (const shot of filmed()) {
     const film = attach(shot), end = lastOf(shot.clip);
     if (!film || film.readyState < 2 || film.seeking) continue;

@@ -137,14 +137,14 @@ function prepare() {
   });
   attend();
   list.addEventListener("keydown", walk);
-  addEventListener("hashchange", () => { readState(); fillIn(); redraw(); showAll(); });
+  addEventListener("hashchange", () => { readState(); fillIn(); redraw(); settleSoon(); });
 }
 
 const frameTime = () => 1 / Math.max(...clips.map(clip => (clip.made ? clip.fps : 0)), 1);
 
 /* a button to play a clip, for fingers; made when the card comes into view */
 function addRun(shot) {
-  if (!shot.clip.kind && !shot.clip.strip) return;
+  if (!shot.clip.kind) return;
   const button = make("button", { type: "button", className: "run", tabIndex: -1 });
   button.innerHTML = part("play").innerHTML;
   button.setAttribute("aria-label", `Play ${shot.clip.name}`);

@@ -79,7 +79,7 @@ function cell(found) {
   const values = keys.map((key, k) => (clip.values[k] === null ? "" : `${key.name} ${textsOf[k].get(clip.values[k])}`)).filter(Boolean);
   const label = several ? `${found.length} clips, the first: ${clip.name}` : [clip.name, ...values].join(", ");
   const box = clip.poster ? make("div", { className: "shot" }) : null;
-  const inside = clip.failed && !clip.strip
+  const inside = clip.failed && !clip.poster
     ? make("div", { className: "why" }, [make("p", { className: "bad", text: "Failed" }), make("p", { text: clip.why })])
     : box ?? make("div", { className: "shot none" }, [make("span", { text: "no picture" })]);
   const element = make(link ? "a" : "button", link ? { href: clip.href, className: "cell" } : { type: "button", className: "cell" }, [inside]);

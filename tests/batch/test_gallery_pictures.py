@@ -30,7 +30,7 @@ def test_the_same_as_the_gallery_makes(tmp_path: Path) -> None:
     flags = ["--variant", "all", "--report", "none"]
     assert main(["render", str(tmp_path / "scene.yaml"), "-o", str(out), *flags]) == 0
     made, page = pictures(out), (out / "index.html").read_text()
-    assert len(made) == 6
+    assert len(made) == 3
     shutil.rmtree(out / "index.files")
     write_gallery([out], out / "index.html")
     assert pictures(out) == made
@@ -62,4 +62,4 @@ def test_what_a_killed_worker_left_goes(tmp_path: Path) -> None:
     (tmp_path / "scene.yaml").write_text(BALL.replace("radius: 5", "radius: 6"))
     assert main(["render", str(tmp_path / "scene.yaml"), "-o", str(out), *flags]) == 0
     assert not half.exists()
-    assert len(pictures(out)) == 6
+    assert len(pictures(out)) == 3

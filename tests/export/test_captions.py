@@ -93,17 +93,6 @@ def test_a_label_is_text_and_says_nothing(tmp_path: Path, label: str) -> None:
     assert shown == "ball" or shown[0] + shown[-1] == "“”"
 
 
-def test_labels_of_any_script_stand_as_they_are(tmp_path: Path) -> None:
-    for label in ("красный мяч", "赤いボール", "کرهٔ سرخ", "लाल गेंद"):
-        told = clip(tmp_path, CAN.replace("a red ball", label), TABLE)
-        assert caption(told) == caption(clip(tmp_path, CAN, TABLE)).replace("red ball", label)
-
-
-def test_the_same_clip_has_the_same_story(tmp_path: Path) -> None:
-    one, other = clip(tmp_path, CAN, TABLE), clip(tmp_path, CAN, TABLE)
-    assert one.shared(story) == other.shared(story)
-
-
 # What a sentence claims is looked up in the trajectory, not in the events
 
 PERIOD = 2 / 60

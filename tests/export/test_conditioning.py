@@ -188,22 +188,6 @@ def test_depth_goes_along_with_things_and_is_filled_behind_them(pack: Path, abou
             assert depth[y, x] == pytest.approx(3 + 2 * 30 / 119, abs=0.05)
 
 
-def test_without_maps_there_is_no_depth_and_no_pushes_no_blobs(tmp_path: Path) -> None:
-    scene = tmp_path / "flat.yaml"
-    body = "objects: {crate: {shape: {box: {center: [32, 24], size: [12, 12]}}, mass: 9}}\n"
-    scene.write_text(
-        f"physgen: 1\nsize: [64, 48]\nworld: {{duration: 0.1, gravity: [0, 0]}}\n{body}render: {{fps: 20}}\n"
-    )
-    assert main(["export", str(scene), "--format", "conditioning", "-o", str(tmp_path / "labels")]) == 0
-    home = tmp_path / "labels" / "flat" / "conditioning"
-    about = json.loads((home / "conditioning.json").read_text())
-    assert "depth" not in about["files"]
-    assert about["pushes"] == []
-    assert about["prompt"] == "Nothing moves."
-    assert not (home / "depth").exists()
-    assert film(home / "force.mp4")[0][0].max() < 8
-
-
 @pytest.mark.parametrize(
     ("flags", "said"),
     [
@@ -241,19 +225,6 @@ def test_films_that_cannot_be_are_refused(
     assert not list(tmp_path.rglob("*.json"))
 
 
-def test_flags_of_the_film_hold_for_every_format_and_the_duration_stays(
-    photo: Path, tmp_path: Path, capsys
-) -> None:
-    command = ["export", str(photo / "scene.yaml"), "--format", "events,trajectory", "-o", str(tmp_path)]
-    assert main([*command, "--frames", "5", "--fps", "20", "--size", "40x32"]) == 0
-    told = capsys.readouterr().err
-    assert "5 frames at 20 fps play for 0.25 s; the duration of the motion is still that of the scene" in told
-    (home,) = tmp_path.iterdir()
-    events = json.loads((home / "events" / "events.json").read_text())
-    assert (events["frames"], events["fps"], events["size"]) == (5, 20, [40, 32])
-    assert read_trajectory(home / "trajectory.npz").times == pytest.approx(np.arange(5) / 10)
-
-
 PUSHED = """\
 physgen: 1
 size: [64, 48]
@@ -264,36 +235,3 @@ forces:
   - {object: crate, impulse: [0, 3000], start: 0}
 render: {fps: 20, frames: %d}
 """
-
-
-@pytest.mark.parametrize(
-    ("duration", "frames", "start"), [(0.4, 8, 0.3), (0.4, 12, 0.1), (0.4, 10, 0.16), (0.4, 8, 0.33)]
-)
-def test_a_push_at_a_frame_s_moment_is_in_one_map(
-    duration: float, frames: int, start: float, tmp_path: Path
-) -> None:
-    """3 x 0.4 / 8 is not 0.3 to the last bit: the impulse is neither lost nor given twice."""
-    scene = tmp_path / "pushed.yaml"
-    scene.write_text(PUSHED % (duration, start, frames))
-    assert main(["export", str(scene), "--format", "conditioning", "-o", str(tmp_path / "labels")]) == 0
-    pack = tmp_path / "labels" / "pushed"
-    told = json.loads((pack / "conditioning" / "conditioning.json").read_text())["files"]["force"]
-    maps = [picture(pack, "force", k)[..., 0].astype(int) - told["zero"] for k in range(frames)]
-    given = [k for k, codes in enumerate(maps) if codes.max() > 100]
-    assert given == [int(start / duration * frames + 1e-6)]
-    most = maps[given[0]].max() / told["code"] * told["impulse_at_code"]
-    assert most == pytest.approx(4000, rel=0.02)  # the blob's middle falls between pixels
-
-
-def test_played_backward_a_blob_begins_in_the_frame_that_shows_its_push(tmp_path: Path) -> None:
-    scene = tmp_path / "pushed.yaml"
-    scene.write_text(
-        PUSHED.replace("  - {object: crate, impulse: [0, 3000], start: 0}\n", "") % (0.4, 0.3, 8)
-    )
-    command = ["export", str(scene), "--format", "conditioning", "--set", "render.play=backward"]
-    assert main([*command, "-o", str(tmp_path / "labels")]) == 0
-    home = tmp_path / "labels" / "pushed" / "conditioning"
-    (push,) = json.loads((home / "conditioning.json").read_text())["pushes"]
-    lit = [frame.max() > 100 for frame in film(home / "force.mp4")[0]]
-    assert lit.index(True) == push["frame"] == 1  # the last sample but one, at 0.3 s
-    assert all(lit[1:])

@@ -75,15 +75,6 @@ def test_who_leaves_the_picture_does_so_when_its_rim_does(tmp_path: Path) -> Non
     assert gone.time == pytest.approx((399.5 + 10 - 100) / 300, abs=1e-6)
 
 
-def test_who_is_thrown_out_of_the_picture_comes_back_from_above(tmp_path: Path) -> None:
-    told = clip(tmp_path, BALL.replace("mass", "velocity: [0, -400], mass"), "world.duration=1.7")
-    beyond = 70 + 10 + 0.5
-    up, down = sorted(np.roots([G / 2, -400, beyond]))
-    (gone,), (back,) = happened(told, EventKind.LEAVE), happened(told, EventKind.ENTER)
-    assert (gone.time, back.time) == pytest.approx((up, down), abs=2e-4)
-    assert (gone.side, back.side) == ("top", "top")
-
-
 def test_what_slides_rests_when_tables_say_so_and_friction_has_it(tmp_path: Path) -> None:
     block = "  block: {shape: {box: {center: [50, 170], size: [40, 20]}}, mass: 50, friction: 0.4, velocity: [60, 0]}\n"
     told = clip(tmp_path, block)
@@ -148,14 +139,6 @@ def test_both_files_say_the_same_and_name_what_the_scene_names(tmp_path: Path) -
     ]
 
 
-def test_newtons_need_somebody_who_says_how_large_it_is(tmp_path: Path) -> None:
-    told = clip(tmp_path, BALL)
-    Events(tmp_path, told).close()
-    data = json.loads((tmp_path / "events.json").read_text())
-    assert data["scale"] == {"pixels_per_meter": 100.0, "from": "assumed"}
-    assert all(event["impulse"]["N_s"] is None for event in data["events"] if "impulse" in event)
-
-
 def test_a_clip_that_plays_backward_shows_events_in_that_order(tmp_path: Path) -> None:
     forward, backward = (clip(tmp_path, BALL, f"render.play={way}") for way in ("forward", "backward"))
     last = len(forward.trajectory.times) - 1
@@ -205,13 +188,6 @@ def test_frames_change_no_event_and_no_caption(dominoes: Clip, frames: int) -> N
     blows = [event for event in told.shared(story).events if event.kind is EventKind.COLLISION]
     assert set(blows[0].surfaces) == set(first.surfaces)  # domino-1 and domino-2
     assert blows[0].time == pytest.approx(first.time, abs=1 / 960)
-
-
-def test_a_ball_is_heard_as_often_and_as_hard_in_seven_frames(tmp_path: Path) -> None:
-    few, many = (clip(tmp_path, BALL, "world.duration=2", f"render.frames={n}") for n in (7, 480))
-    assert _plain(few) == _plain(many)
-    for one, other in zip(few.shared(story).events, many.shared(story).events, strict=True):
-        assert _numbers(one) == pytest.approx(_numbers(other))
 
 
 def test_what_comes_after_the_last_frame_has_the_last_frame(tmp_path: Path) -> None:

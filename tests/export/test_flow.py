@@ -83,17 +83,6 @@ def test_pictures_warped_by_the_flow_are_those_that_follow(case: str, export) ->
     assert worst > 8  # without the flow they do not fit
 
 
-@pytest.mark.parametrize("case", ["side", "camera", "table"])
-def test_there_and_back_is_where_it_began(case: str, export) -> None:
-    scene, edits = CASES[case]
-    folder = export(scene, "flo", *edits)
-    for moved, back, told in zip(flows(folder), flows(folder, "backward"), seen(folder), strict=True):
-        inner = cv2.erode((told == SEEN).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
-        returned = moved + warped(back, moved)
-        # a body's flow is linear in the picture, a turning ball's nearly so: between pixels nothing else happens
-        assert np.quantile(np.abs(returned[inner]), 0.98) < (0.02 if scene == "side" else 0.3)
-
-
 def test_flow_is_the_motion_of_the_poses(export) -> None:
     """By another formula: the velocity of a rigid body's points, of the turn between two poses."""
     folder = export("side", "flo")
@@ -124,18 +113,6 @@ def test_kitti_holds_the_same_to_the_128th_of_a_pixel(export) -> None:
             np.testing.assert_array_equal(not_hidden, told == SEEN)
             gone += int((told == GONE).sum())
     assert gone > 0  # some pixels have left the picture, and their flow is told all the same
-
-
-def test_kitti_has_the_pair_of_each_flow(export) -> None:
-    """Tools for KITTI look for image_2/*_10.png and *_11.png beside flow_occ/*_10.png, and take them in order."""
-    folder = export("side", "frames,kitti")
-    pictures, home = frames(folder), folder / "kitti"
-    ways = sorted((home / "flow_occ").glob("*_10.png"))
-    ones, others = (sorted((home / "image_2").glob(f"*_{number}.png")) for number in (10, 11))
-    assert len(ways) == len(ones) == len(others) == len(pictures) - 1
-    for k, (one, other) in enumerate(zip(ones, others, strict=True)):
-        np.testing.assert_array_equal(cv2.imread(str(one))[:, :, ::-1], pictures[k])
-        np.testing.assert_array_equal(cv2.imread(str(other))[:, :, ::-1], pictures[k + 1])
 
 
 def test_what_is_hidden_is_hidden_by_somebody(export) -> None:
@@ -206,34 +183,6 @@ def test_labels_beside_a_clip_are_those_of_the_export_and_change_no_frame(
     told = json.loads((beside / "manifest.json").read_text())
     assert "truth/flo/forward/00000.flo" in told["files"]
     assert told["stages"]["export"]["cpu"] > 0
-
-
-def test_blurred_frames_are_told_by_their_last_moment(export) -> None:
-    """A ball that gains speed: its flow is the way between the places at which two frames show it."""
-    pushed = ("world.gravity=[1500, 0]", "objects.crate=", "objects.ball.velocity=[0, 0]", "boundaries={}")
-    folder = export("side", "flo", "render.motion_blur=0.9", *pushed)
-    moved = flows(folder)
-    places = [np.argwhere(np.hypot(*np.moveaxis(flow, 2, 0)) > 0.1).mean(axis=0) for flow in moved]
-    for flow, here, there in zip(moved[1:], places[1:], places[2:], strict=False):
-        assert flow[tuple(here.round().astype(int))] == pytest.approx((there - here)[::-1], abs=0.5)
-    track = read_trajectory(folder / "trajectory.npz")
-    first = track.poses[2, 0, 0] - track.poses[1, 0, 0]
-    assert moved[1].max() > first + 1  # it is later, and faster, than when the shutter opened
-
-
-@pytest.mark.parametrize("size", ["[64, 48]", "[63, 47]"])
-def test_a_scene_without_a_photo_and_one_without_objects(size: str, tmp_path: Path) -> None:
-    scene = tmp_path / "flat.yaml"
-    ball = "  ball: {shape: {circle: {center: [20, 20], radius: 8}}, velocity: [60, 0]}"
-    head = f"physgen: 1\nsize: {size}\nworld: {{duration: 0.1}}\n"
-    scene.write_text(f"{head}render: {{fps: 20, scale: 2}}\nobjects:\n{ball}\n")
-    empty = tmp_path / "empty.yaml"
-    empty.write_text(f"{head}render: {{fps: 20}}\nobjects: {{}}\n")
-    every = ["--format", "flo,kitti,wheel,frames", "-o", str(tmp_path / "labels")]
-    assert main(["export", str(scene), str(empty), *every]) == 0
-    moved = flows(tmp_path / "labels" / "flat")[0]
-    assert moved[41, 41] == pytest.approx([6.0, 0.5 * 980 * 0.05**2 * 2], abs=0.1)
-    assert not flows(tmp_path / "labels" / "empty")[0].any()
 
 
 def test_formats_that_are_none_are_refused_before_anything_is_made(

@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
-
-import numpy as np
 import pytest
-from labelled import hall, labelled
-from PIL import Image
+from labelled import hall
 
 from physgen.cli.export import NAMES
 from physgen.cli.main import main
@@ -43,15 +38,6 @@ def test_too_many_objects(name: str, count: int, most: int, tmp_path, capsys) ->
     assert not (tmp_path / "out/crowd").exists()
 
 
-def test_as_many_as_a_palette_holds(tmp_path) -> None:
-    scene = tmp_path / "crowd.yaml"
-    scene.write_text(crowd(254), encoding="utf-8")
-    clip = labelled(scene, tmp_path / "out", "davis")
-    masks = clip.folder / "davis/Annotations/Full-Resolution/crowd/00000.png"
-    assert np.array_equal(Image.open(masks), clip.ids[0])
-    assert clip.ids[0].max() == 254
-
-
 def test_without_pycocotools(tmp_path, capsys, monkeypatch) -> None:
     monkeypatch.setattr(formats, "find_spec", lambda name: None)
     assert (
@@ -61,20 +47,6 @@ def test_without_pycocotools(tmp_path, capsys, monkeypatch) -> None:
     for name in ("coco", "mots"):
         assert f'"{name}" needs pycocotools, which is not installed; pip install "physgen[labels]"' in said
     assert not (tmp_path / "out").exists()
-
-
-def test_an_empty_scene(tmp_path) -> None:
-    scene = tmp_path / "empty.yaml"
-    scene.write_text("physgen: 1\nsize: [40, 30]\nworld: {duration: 0.2}\nobjects: {}\n", encoding="utf-8")
-    clip = labelled(scene, tmp_path / "out", ALL, "render.frames=2")
-    assert len(clip.coco.imgs) == 2
-    assert not clip.coco.anns
-    for name in ("mot", "mots"):
-        assert (clip.folder / name / "empty/gt/gt.txt").read_text() == ""
-    assert json.loads((clip.folder / "youtubevos/meta.json").read_text()) == {
-        "videos": {"empty": {"objects": {}}}
-    }
-    assert not np.asarray(Image.open(clip.folder / "davis/Annotations/Full-Resolution/empty/00001.png")).any()
 
 
 def test_labels_that_are_there_are_not_lost(tmp_path, capsys) -> None:
@@ -125,20 +97,3 @@ objects: {ball: {shape: {circle: {center: [16, 16], radius: 6}}, velocity: [60, 
 render: {fps: 20}
 variants: {slow: {objects.ball.velocity: [30, 0]}}
 """
-
-
-def test_a_clip_made_again_tells_once_which_labels_go(tmp_path: Path, capsys) -> None:
-    scene, out = tmp_path / "scene.yaml", tmp_path / "out"
-    scene.write_text(REPEATED)
-    again = ["render", str(scene), "--variant", "all", "--report", "none", "-o", str(out)]
-    assert main([*again, "--export", "order,events"]) == 0
-    assert "labels" not in capsys.readouterr().err
-    assert main([*again, "--export", "events"]) == 0
-    said = capsys.readouterr().err
-    assert said.count(f"{out}: warning: had labels that were not asked for this time, and go: order; ") == 1
-    assert "add --export events,order" in said
-    assert not (out / "scene-slow/truth/order").exists()
-    assert main(again) == 0
-    assert "and go: events;" in capsys.readouterr().err
-    assert main(again) == 0
-    assert "and go" not in capsys.readouterr().err

@@ -7,19 +7,14 @@ import io
 import json
 import shutil
 
-import hypothesis.strategies as st
 import numpy as np
 import pytest
 import trackeval
-from hypothesis import given, settings
-from hypothesis.extra.numpy import arrays
 from labelled import Labelled, hall, labelled
 from PIL import Image
 from pycocotools import mask as coco_mask
 from pycocotools.cocoeval import COCOeval
 from pytest import approx
-
-from physgen.export.masks import compressed
 
 QUIET = {"PRINT_RESULTS": False, "PRINT_CONFIG": False, "TIME_PROGRESS": False, "DISPLAY_LESS_PROGRESS": True}
 QUIET |= {
@@ -53,14 +48,6 @@ def test_coco_masks_are_the_ids(clip: Labelled) -> None:
             assert row["visible_fraction"] == approx(row["area"] / row["amodal_area"], abs=1e-6)
             label = coco.cats[row["category_id"]]["name"]
             assert label == clip.filming.scene.objects[row["track_id"] - 1].label
-
-
-def test_coco_names_pictures_that_can_be_loaded(clip: Labelled) -> None:
-    for number, image in clip.coco.imgs.items():
-        shown = np.asarray(Image.open(clip.folder / "coco" / image["file_name"]), np.float64)
-        drawn = clip.frames[number - 1].rgb
-        assert np.abs(shown - drawn).mean() < 2
-        assert np.array_equal(Image.open(clip.folder / "frames" / f"{number - 1:05d}.png"), drawn)
 
 
 @pytest.mark.parametrize("how", ["segm", "bbox"])
@@ -122,15 +109,3 @@ def test_davis_is_scored_as_true_and_a_wrong_mask_is_not(clip: Labelled, tmp_pat
     rows = sum(len(np.unique(ids)) - 1 for ids in clip.ids)
     assert same["DetA"].min() == same["AssA"].min() == 1
     assert less["DetA"] == approx((rows - 1) / rows)
-
-
-@settings(max_examples=150)
-@given(data=st.data())
-def test_runs_of_a_box_are_those_of_the_picture(data) -> None:
-    width, height = data.draw(st.integers(1, 9)), data.draw(st.integers(1, 9))
-    x, y = data.draw(st.integers(0, width - 1)), data.draw(st.integers(0, height - 1))
-    w, h = data.draw(st.integers(1, width - x)), data.draw(st.integers(1, height - y))
-    mask = data.draw(arrays(bool, (h, w)))
-    whole = np.zeros((height, width), np.uint8, order="F")
-    whole[y : y + h, x : x + w] = mask
-    assert compressed(mask, (x, y, w, h), (width, height)) == coco_mask.encode(whole)["counts"].decode()

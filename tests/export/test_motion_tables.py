@@ -14,7 +14,7 @@ from storied import BALL, clip
 
 from physgen import tables
 from physgen.cli.main import main
-from physgen.export.physics import Physics, physics
+from physgen.export.physics import Physics
 from physgen.export.trajectory import TrajectoryTables
 
 TWO = BALL + "  crate: {shape: {box: {center: [250, 165], size: [30, 30]}}, mass: 40, friction: 0.9}\n"
@@ -68,15 +68,6 @@ def test_places_on_the_video_follow_the_camera_and_so_do_speeds(tmp_path: Path) 
     speeds = table[["video_vx", "video_vy"]].to_numpy().reshape(-1, 2, 2)
     seen = (places[2:] - places[:-2]) * 480 / 2  # what anybody would measure in the film
     assert np.abs(speeds[1:-1] - seen)[4:-4].max() < 0.02 * np.abs(seen).max()
-
-
-def test_nobody_says_how_large_it_is_so_nobody_tells_metres(tmp_path: Path) -> None:
-    table, arrays, told = written(tmp_path)
-    assert table[["x_m", "y_m", "vx_m", "vy_m"]].isna().all(axis=None)
-    assert np.isnan(arrays["places_m"]).all()
-    about = physics(told)
-    assert about["scale"] == {"pixels_per_meter": 100.0, "from": "assumed"}
-    assert about["gravity_m_s2"] == [None, None]
 
 
 def test_without_pyarrow_there_is_csv_and_a_line_says_so(tmp_path: Path, monkeypatch, capsys) -> None:

@@ -169,15 +169,6 @@ def test_points_are_queried_on_their_things_and_hidden_by_others(export) -> None
     assert came_back[read.object == 0].any()
 
 
-def test_what_leaves_the_picture_is_told_on(export) -> None:
-    read = Read(export("side", "tapvid", *FREE, "objects.ball.velocity=[600, 0]", "objects.crate=null"))
-    ball = read.object == BALL
-    assert read.occluded[ball, -1].all()
-    steps = np.diff(read.px[ball, :, 0], axis=1)
-    np.testing.assert_allclose(steps, 30, atol=1e-3)
-    assert not read.occluded[ball, 0].any()
-
-
 def test_points_of_a_rolling_ball_go_under_and_come_back(export) -> None:
     rolling = "objects.ball.velocity=[130, 0]", "world.duration=0.9", "objects.crate=null"
     folder = export("top", "tapvid", *rolling)
@@ -201,44 +192,3 @@ def test_points_of_a_rolling_ball_go_under_and_come_back(export) -> None:
     back = (~read.occluded[ball][:, :1]) & read.occluded[ball] & read.inside[ball]
     returned = back[:, :-1] & ~read.occluded[ball][:, 1:]
     assert returned.any()
-
-
-def test_paint_stays_with_its_point(photo: Path, export) -> None:
-    """Albedo and tracks know nothing of each other: a point that is seen shows the same paint in every frame."""
-    field = np.random.default_rng(5).normal(0, 1, (128, 160, 3)).astype(np.float32)
-    field = cv2.GaussianBlur(field, None, 4)
-    field = 0.5 + 0.4 * field / np.abs(field).max()
-    cv2.imwrite(str(photo / "photo.assets" / "albedo.png"), np.rint(field * 65535).astype(np.uint16))
-    for scene in ("side", "top"):
-        folder = export(scene, "tapvid,albedo")
-        read = Read(folder)
-        paths = sorted((folder / "albedo").glob("*.png"))
-        paints = np.stack([cv2.imread(str(path), cv2.IMREAD_UNCHANGED) for path in paths]) / 65535
-        of_things = read.object > 0
-        for k in np.flatnonzero(of_things):
-            t = np.flatnonzero(~read.occluded[k])
-            at = read.px[k, t].astype(np.float32)
-            seen = np.array(
-                [
-                    cv2.remap(paints[i].astype(np.float32), *(np.array([[v]]) for v in p), cv2.INTER_LINEAR)[
-                        0, 0
-                    ]
-                    for i, p in zip(t, at, strict=True)
-                ]
-            )
-            # the first is the photo's own, which is mixed at a ball's rim
-            assert np.median(np.abs(seen - np.median(seen, axis=0)).max(axis=1)) < 0.03
-
-
-@pytest.mark.parametrize("objects", ["{a: {shape: {circle: {center: [20, 20], radius: 8}}}}", "{}"])
-def test_scenes_without_a_photo_or_objects(objects: str, tmp_path: Path) -> None:
-    from physgen.cli.main import main
-
-    scene = tmp_path / "flat.yaml"
-    scene.write_text(
-        f"physgen: 1\nsize: [64, 48]\nworld: {{duration: 0.1}}\nrender: {{fps: 20, scale: 2}}\nobjects: {objects}\n"
-    )
-    assert main(["export", str(scene), "--format", "tapvid,order", "-o", str(tmp_path / "labels")]) == 0
-    read = Read(tmp_path / "labels" / "flat")
-    assert len(read.points) == 256
-    assert (~read.occluded[:, 0]).sum() > 100

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import configparser
 import contextlib
 import io
 import json
@@ -13,7 +12,6 @@ import numpy as np
 import pytest
 import trackeval
 from labelled import Labelled, hall, labelled
-from PIL import Image
 from pycocotools import mask as coco_mask
 from pytest import approx
 
@@ -84,18 +82,6 @@ def test_mot_boxes_hold_all_of_what_is_in_the_picture(clip: Labelled) -> None:
         if inside == (row.X, row.Y, row.X + row.Width, row.Y + row.Height):
             assert row.Visibility == approx(clip.mask(frame, name).sum() / mask.sum(), abs=1e-5)
         assert labels[int(row.ClassId) - 1] == clip.filming.scene.objects[clip.names.index(name)].label
-
-
-def test_mot_sequence_is_described(clip: Labelled) -> None:
-    told = configparser.ConfigParser()
-    told.read(clip.folder / "mot/hall/seqinfo.ini")
-    said = {key: value for key, value in told["Sequence"].items() if key != "imdir"}
-    assert said == {
-        "name": "hall", "framerate": "10", "seqlength": "8", "imwidth": "96", "imheight": "72", "imext": ".jpg"
-    }  # fmt: skip
-    pictures = sorted((clip.folder / "mot/hall" / told["Sequence"]["imDir"]).iterdir())
-    assert [path.name for path in pictures] == [f"{t + 1:06d}.jpg" for t in range(8)]
-    assert Image.open(pictures[0]).size == (96, 72)
 
 
 def test_what_leaves_the_picture_keeps_its_size(clip: Labelled) -> None:

@@ -80,14 +80,6 @@ def test_nothing_is_lost(kind: str, motion: Trajectory, tmp_path: Path) -> None:
     assert film.calls == 1
 
 
-def test_a_photo_that_stays_takes_little(motion: Trajectory, tmp_path: Path) -> None:
-    store = Store(tmp_path)
-    for kind in ("photo", "noise"):
-        footage(store, f"guidance-{kind}", Film(pictures(kind, 40, (60, 80)), motion))
-    size = {entry.key: entry.bytes for entry in store.sizes()}
-    assert size["guidance-photo"] < 0.2 * size["guidance-noise"]
-
-
 def test_a_clip_of_no_frames_and_a_run_without_a_store(motion: Trajectory, tmp_path: Path) -> None:
     store, film = Store(tmp_path), Film([], motion)
     assert film.agrees(footage(store, "guidance-a", film))
@@ -121,9 +113,3 @@ def test_nothing_is_kept_of_a_clip_that_failed_or_whose_inputs_changed(
         footage(store, "guidance-a", broken)
     assert film.agrees(footage(store, "guidance-a", film, unchanged=lambda: False))
     assert store.sizes() == []
-
-
-def test_frames_of_two_sizes_are_refused(motion: Trajectory) -> None:
-    frames = [*pictures("photo", 1), *pictures("photo", 1, (31, 41))]
-    with pytest.raises(ValueError, match="frame 1 of 41 x 31 px is of another size"):
-        footage(None, "guidance-a", Film(frames, motion))

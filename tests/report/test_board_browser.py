@@ -82,13 +82,6 @@ def test_the_slider_moves_all_clips_to_the_same_frame(browser: Any, board: Path,
         assert [int(at * FPS) for at in settled(seen, 7)] == [round(time * FPS)] * 7
 
 
-def test_a_longer_clip_goes_on_while_others_hold_their_last_frame(browser: Any, board: Path) -> None:
-    with ready(browser, board) as seen:
-        seek(seen, 1.2)
-        frames = [int(at * FPS) for at in settled(seen, 7)]
-        assert sorted(frames) == [FRAMES - 1] * 6 + [12]
-
-
 def test_keys_play_and_step(browser: Any, board: Path) -> None:
     with ready(browser, board) as seen:
         value = "() => +document.querySelector('[data-part=seek]').value"
@@ -149,14 +142,6 @@ def test_wide_tables_scroll_with_the_names_in_sight(browser: Any, tmp_path: Path
             assert name.evaluate("e => e.getBoundingClientRect().left") == pytest.approx(left, abs=2)
 
 
-def test_every_row_has_every_method(browser: Any, board: Path) -> None:
-    with ready(browser, board) as seen:
-        assert seen.page.evaluate(FIRST) == [sorted(SHADES)] * 3
-        assert seen.page.locator(".clip.missing").inner_text().startswith("No clip of this scene")
-        assert "Failed" in seen.page.inner_text(".clip.failed")
-        assert seen.page.locator(".clip.photo img").count() == 1
-
-
 def test_sorting_the_table_sorts_the_rows(browser: Any, board: Path) -> None:
     """Less is better of a distance; who has none comes last, either way."""
     names = "() => [...document.querySelectorAll('.standing tbody th')].map(e => e.textContent)"
@@ -174,13 +159,6 @@ def test_sorting_the_table_sorts_the_rows(browser: Any, board: Path) -> None:
         assert seen.page.locator(".cells .clip.photo").first.evaluate(
             "e => e.previousElementSibling === null"
         )
-
-
-def test_methods_can_be_left_out(browser: Any, board: Path) -> None:
-    with ready(browser, board) as seen:
-        seen.page.uncheck("[data-shown='2']", force=True)  # ours, the longest
-        assert seen.page.locator(".cells .clip[data-method]:visible").count() == 6
-        assert float(seen.page.get_attribute("[data-part=seek]", "max")) == pytest.approx((FRAMES - 1) / FPS)
 
 
 def test_without_scripts_all_stands_there(browser: Any, board: Path) -> None:

@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from browser import opened, report
+from browser import opened
 
 from physgen import pipeline
 from physgen.problems import Severity
 from physgen.simulate.uncertainty import simulate_ensemble
-from physgen.simulate.uncertainty_summary import percent
 
 EDGE = """\
 physgen: 1
@@ -100,25 +99,6 @@ def test_the_page_shows_every_draw(browser: Any, clip: Path) -> None:
         assert seen.errors == []
 
 
-def test_marks_lie_on_the_photo(browser: Any, clip: Path) -> None:
-    """The number in the picture is the one of the list, where the object stands in the photo."""
-    with opened(browser, clip / "report.html", ready=False) as seen:
-        shown = seen.page.evaluate("""() => {
-            const svg = document.querySelector('.fan svg'), box = svg.getBoundingClientRect();
-            const mark = svg.querySelector('.numbers circle').getBoundingClientRect();
-            return [(mark.x + mark.width / 2 - box.x) / box.width, (mark.y + mark.height / 2 - box.y) / box.height];
-        }""")
-        assert shown == pytest.approx([50.5 / 160, 50.5 / 120], abs=0.01)
-        assert seen.page.inner_text(".fan h3 .number") == seen.page.text_content(".fan .numbers text") == "1"
-
-
-def test_the_long_page_has_its_fan(pages: Path) -> None:
-    """So that all that is asked of that page is asked of the fan: nothing flows over, axe has nothing to say."""
-    text = report(pages, "long-heavy").read_text()
-    assert 'id="fan"' in text
-    assert 'class="share"' in text
-
-
 def test_with_nothing_uncertain_there_is_a_warning_and_a_clip(tmp_path: Path) -> None:
     (tmp_path / "sure.yaml").write_text(re.sub(r",\s+from: ({[^}]*}|shadows 0.6)", "", EDGE))
     heard = []
@@ -129,31 +109,3 @@ def test_with_nothing_uncertain_there_is_a_warning_and_a_clip(tmp_path: Path) ->
     assert json.loads((folder / "manifest.json").read_text())["fan"] is None
     assert not (folder / "fan.csv").exists()
     assert 'id="fan"' not in (folder / "report.html").read_text()
-
-
-def test_a_fan_that_nobody_asks_for_again_goes_and_is_told(tmp_path: Path) -> None:
-    (tmp_path / "edge.yaml").write_text(EDGE)
-    told: list[str] = []
-    for draws in (3, 0, 0):
-        folder = pipeline.render_scene(
-            tmp_path / "edge.yaml",
-            tmp_path / "out",
-            draws=draws,
-            warn=lambda problem: told.append(str(problem)),
-        )
-    assert told == [
-        f"{folder}: warning: had a fan of 3 draws, which was not asked for this time, and goes; "
-        "render with --fan 3 to have it again"
-    ]
-    assert not (folder / "fan.csv").exists()
-    assert json.loads((folder / "manifest.json").read_text())["warnings"] == []
-
-
-def test_shares_are_told_as_they_are() -> None:
-    assert [percent(share) for share in (0.0, 0.004, 0.5, 0.995, 1.0)] == [
-        "0 %",
-        "0.4 %",
-        "50 %",
-        "99.5 %",
-        "100 %",
-    ]

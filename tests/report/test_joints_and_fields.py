@@ -6,11 +6,9 @@ import re
 from pathlib import Path
 
 import numpy as np
-from pytest import approx
 
 from physgen import pipeline
 from physgen.report.page import PageParts, report_page
-from physgen.report.parameters import constraint_drawing, constraint_rows
 from physgen.report.record import RunRecord
 
 SCENE = """\
@@ -36,43 +34,6 @@ def scene_and_world(tmp_path: Path):
     (tmp_path / "scene.yaml").write_text(SCENE)
     scene = pipeline.load(tmp_path / "scene.yaml")
     return scene, pipeline.compile(scene, None).world
-
-
-def test_what_is_listed(tmp_path: Path) -> None:
-    scene, _ = scene_and_world(tmp_path)
-    rows = {row["name"]: [row[key] for key in ("kind", "on", "at", "how")] for row in constraint_rows(scene)}
-    assert rows == {
-        "drive": [
-            "motor",
-            "bob and car",
-            "90, 60",
-            "360 °/s, at most 2e+09 g·px²/s², the two bump into each other",
-        ],
-        "hinge": ["pivot", "bob and the world", "50, 20", ""],
-        "tow": ["spring", "bob and car", "50, 60 to 110, 60", "40000 g/s², damping 200 g/s, length 60 px"],
-        "breeze": ["wind", "bob", "everywhere", "300, 0 px/s, drag 0.002 g/px²"],
-        "calm": ["wind", "every dynamic object", "everywhere", "0, 0 px/s, drag 1 g/px²"],
-        "magnet": ["attractor", "every dynamic object", "180, 20", "-4e+07 px³/s², softened over 5 px"],
-    }
-
-
-def test_what_is_drawn(tmp_path: Path) -> None:
-    scene, world = scene_and_world(tmp_path)
-    shapes = constraint_drawing(scene, world)
-    lines = [(line["kind"], line["x1"], line["y1"], line["x2"], line["y2"]) for line in shapes["lines"]]
-    assert lines == [
-        ("rod", 90, 60, 50, 60),
-        ("rod", 90, 60, 120, 60),
-        ("rod", 50, 20, 50, 60),
-        ("spring", 50, 60, 110, 60),
-    ]
-    dots = [(dot["kind"], dot["x"], dot["y"]) for dot in shapes["dots"]]
-    assert dots[:2] == [("pin", 90, 60), ("pin", 50, 20)]
-    assert dots[-1] == ("attractor", 180, 20)
-    blowing, still = shapes["arrows"]
-    assert blowing["x2"] - blowing["x1"] == approx(0.1 * np.hypot(200, 150), abs=0.11)
-    assert blowing["y1"] == blowing["y2"]
-    assert (still["x1"], still["y1"]) == (still["x2"], still["y2"])
 
 
 def test_the_page_shows_them(tmp_path: Path) -> None:

@@ -184,28 +184,3 @@ def test_the_terminal_has_the_table_alone(home: Path, capsys: pytest.CaptureFixt
         ["ours", "2", "0", "0", "3.860"],
     ]
     assert sorted(home.rglob("*")) == before
-
-
-def test_a_failures_record_that_cannot_be_read_is_told(
-    home: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (home / "drift" / "fall.failed.json").write_text("{broken")
-    (home / "melt" / "fall.failed.json").write_text('{"failed": 2}')
-    (home / "ours" / "pool.failed.json").write_text("[]")  # beside a clip, which counts
-    rows = {row["method"]: row for row in ran(capsys, str(home))["rows"]}
-    assert {name: (row["clips"], row["failed"], row["missing"]) for name, row in rows.items()} == {
-        "drift": (2, ["fall"], []), "melt": (2, ["fall"], []), "ours": (2, [], ["fall"]),
-    }  # fmt: skip
-    assert main(["evaluate", "leaderboard", str(home)]) == 0
-    assert "fall.failed.json is there, and cannot be read as a record of a failure" in capsys.readouterr().out
-
-
-def test_nobody_is_best_of_equals_or_by_less_than_nought(home: Path) -> None:
-    names = ("drift", "melt", "ours")
-    rows = [(-165.2, 1.0, 3.0), (-164.9, 1.0, 3.0), (2.5, 1.0, 2.0)]
-    keys = ("image_kid", "error", "image_fid")
-    result(home / "fid", "fid", [
-        {"method": name, **dict(zip(keys, row, strict=True))} for name, row in zip(names, rows, strict=True)
-    ])  # fmt: skip
-    best = {score.name: score.best(names) for score in scores_of(methods_in(home))}
-    assert best == {"fid: image kid": {"drift", "melt"}, "fid: error": set(), "fid: image fid": {"ours"}}

@@ -15,7 +15,6 @@ from IPython.core.formatters import DisplayFormatter
 
 from physgen import pipeline
 from physgen.pipeline import notebook
-from physgen.problems import InputError
 
 SVG = "{http://www.w3.org/2000/svg}"
 EVIL = '<script>alert("1")</script>&'
@@ -104,14 +103,6 @@ def test_worlds_and_trajectories_show_themselves(lesson: Path) -> None:
     assert "ball" in Reader(html).words
 
 
-def test_an_empty_scene_shows_itself(tmp_path: Path) -> None:
-    path = tmp_path / "empty.yaml"
-    path.write_text("physgen: 1\nsize: [80, 60]\nworld: {duration: 0.2}\nobjects: {}\n")
-    scene = pipeline.load(path)
-    shown(scene)
-    shown(pipeline.simulate(pipeline.compile(scene, None).world))
-
-
 def test_a_scene_whose_photo_has_gone_says_so(tmp_path: Path, bundled: Path) -> None:
     from PIL import Image
 
@@ -133,8 +124,3 @@ def test_a_clip_plays_in_its_cell(lesson: Path, tmp_path: Path, monkeypatch: pyt
     monkeypatch.setattr(notebook, "INLINE", 10)
     [video] = Reader(shown(notebook.show(folder))).of("video")
     assert video["src"] == "out%20put/lesson/video.mp4"
-
-
-def test_what_is_no_clip_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="is no folder of a clip"):
-        notebook.show(tmp_path)

@@ -82,16 +82,6 @@ def test_hovering_reads_and_a_click_seeks(browser: Any, pages: Path) -> None:
         assert seen.page.text_content("[data-part=when]").startswith("at ")
 
 
-def test_objects_are_chosen(browser: Any, pages: Path) -> None:
-    with opened(browser, report(pages, "fall")) as seen:
-        lines = "() => document.querySelectorAll('.chart')[3].querySelectorAll('.line').length"
-        seen.page.click("[data-part=all]")
-        assert seen.page.evaluate(lines) == 3
-        seen.page.click("[data-part=objects] button:has-text('ball')")
-        assert seen.page.evaluate(lines) == 2
-        assert "ball" not in readout(seen, 3)
-
-
 def test_the_table_of_contacts_seeks(browser: Any, pages: Path) -> None:
     with opened(browser, report(pages, "fall")) as seen:
         seen.page.click("summary:has-text('Contacts')")
@@ -105,23 +95,6 @@ def test_the_table_of_contacts_seeks(browser: Any, pages: Path) -> None:
 
 
 # ---- whoever reads it, whatever is in it -----------------------------------------------------------------------------
-
-
-def test_a_label_is_text(browser: Any, pages: Path) -> None:
-    with opened(browser, report(pages, "fall")) as seen:
-        assert seen.page.evaluate("() => window.broken") is None
-        assert "<script>window.broken = 1</script>" in seen.page.inner_text("#parameters")
-        assert seen.errors == []
-
-
-@pytest.mark.parametrize("name", ["empty", "one", "long-heavy"])
-def test_other_scenes_work(browser: Any, pages: Path, name: str) -> None:
-    with opened(browser, report(pages, name)) as seen:
-        for key in (".", "End", " ", "o", "v", "t", "c", "i"):
-            seen.page.keyboard.press(key)
-        seen.drawn()
-        assert seen.errors == []
-        assert seen.page.is_visible("canvas")
 
 
 def test_a_failed_scene_has_a_page(browser: Any, tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from browser import LANDS, PHONE, V, ball, fallen, middle, opened, report
+from browser import LANDS, V, ball, fallen, middle, opened, report
 from pytest import approx
 
 from physgen import pipeline
@@ -51,30 +51,6 @@ def test_playing_moves_it_there(browser: Any, pages: Path) -> None:
         seen.drawn()
         assert not seen.playing
         assert start + middle(seen.pixels(), colour, (320, 400)) == approx(fallen(seen.time), abs=0.2)
-
-
-def test_it_plays_by_itself_only_where_motion_is_welcome(browser: Any, pages: Path) -> None:
-    with opened(browser, report(pages, "fall"), reduced_motion="no-preference") as seen:
-        seen.page.wait_for_function("() => +document.getElementById('player').dataset.time > 0")
-        assert seen.playing
-    with opened(browser, report(pages, "fall")) as seen:
-        assert not seen.playing
-        assert seen.time == 0
-
-
-def test_it_goes_round_or_stops_at_the_end(browser: Any, pages: Path) -> None:
-    with opened(browser, report(pages, "fall")) as seen:
-        seen.page.select_option("[data-part=rate]", "2")
-        seen.page.click("[data-part=loop]")
-        seen.page.click("[data-part=play]")
-        seen.page.wait_for_function("() => document.getElementById('player').dataset.playing === 'false'")
-        assert seen.time == approx(44 / 30, abs=1e-4), "the last of 45 frames"
-        seen.page.click("[data-part=loop]")
-        seen.page.click("[data-part=play]")
-        seen.page.wait_for_function("() => +document.getElementById('player').dataset.time < 1")
-        seen.page.wait_for_function("() => +document.getElementById('player').dataset.time > 1.2")
-        seen.page.wait_for_function("() => +document.getElementById('player').dataset.time < 1")
-        assert seen.playing
 
 
 @pytest.mark.parametrize(("name", "fps", "order"), [
@@ -158,18 +134,6 @@ def test_keys(browser: Any, pages: Path) -> None:
         assert seen.time == approx(frame, abs=2e-6), "on the slider an arrow is a frame"
 
 
-def test_letters_can_be_switched_off(browser: Any, pages: Path) -> None:
-    with opened(browser, report(pages, "fall")) as seen:
-        on = "() => document.querySelector('[data-layer=outlines]').getAttribute('aria-pressed')"
-        seen.page.click(".keys summary")
-        seen.page.uncheck("[data-part=keys]")
-        seen.page.keyboard.press("o")
-        assert seen.page.evaluate(on) == "false"
-        seen.page.check("[data-part=keys]")
-        seen.page.keyboard.press("o")
-        assert seen.page.evaluate(on) == "true"
-
-
 def test_all_can_be_reached_by_tab(browser: Any, pages: Path) -> None:
     with opened(browser, report(pages, "fall")) as seen:
         reached = set()
@@ -210,17 +174,3 @@ def test_a_layer_is_drawn_and_goes(browser: Any, pages: Path, layer: str) -> Non
         seen.page.click(button)
         seen.drawn()
         assert np.array_equal(seen.pixels(), before)
-
-
-def test_a_finger_plays_and_scrubs(browser: Any, pages: Path) -> None:
-    how = {"viewport": PHONE, "has_touch": True, "is_mobile": True, "device_scale_factor": 2}
-    with opened(browser, report(pages, "fall"), **how) as seen:
-        box = seen.page.locator("canvas").bounding_box()
-        seen.page.touchscreen.tap(box["x"] + 50, box["y"] + 50)
-        assert seen.playing
-        seen.page.touchscreen.tap(box["x"] + 50, box["y"] + 50)
-        assert not seen.playing
-        bar = seen.page.locator("[data-part=seek]").bounding_box()
-        seen.page.touchscreen.tap(bar["x"] + bar["width"] / 2, bar["y"] + bar["height"] / 2)
-        assert seen.time == approx(44 / 60, abs=0.05)
-        assert seen.pixels().shape[1] == approx(2 * box["width"], abs=2), "as sharp as the screen"

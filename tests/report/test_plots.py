@@ -16,7 +16,7 @@ from PIL import Image
 
 from physgen import pipeline
 from physgen.cli.main import main
-from physgen.report.plots.style import ENERGY, IMPULSE, PALETTE, stroke, unit
+from physgen.report.plots.style import ENERGY, IMPULSE, PALETTE, unit
 
 SVG = "{http://www.w3.org/2000/svg}"
 SPEED, RISE, GRAVITY = 150.0, -180.0, 400.0
@@ -245,12 +245,6 @@ def test_wrong_flags_are_answered_and_nothing_is_written(tmp_path: Path, capsys)
     assert [file.name for file in tmp_path.iterdir()] == ["lesson.yaml"]
 
 
-def test_an_empty_scene_has_figures_too(tmp_path: Path) -> None:
-    path = scene(tmp_path, "physgen: 1\nsize: [80, 60]\nworld: {duration: 0.2}\nobjects: {}\n")
-    for kind in ("energy", "trajectory", "contacts", "strip"):
-        assert main(["plot", kind, path, "-o", str(tmp_path / f"{kind}.pdf")]) == 0
-
-
 def test_without_matplotlib_one_line_says_how_to_get_it(tmp_path: Path, monkeypatch, capsys) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
@@ -266,20 +260,8 @@ def test_only_plots_need_matplotlib() -> None:
     assert run.stdout == "set()\n"
 
 
-def test_twenty_eight_objects_look_different() -> None:
-    assert len({stroke(k, PALETTE) for k in range(28)}) == 28
-
-
 def test_units_are_those_of_textbooks(tmp_path: Path) -> None:
     with_scale, without = (pipeline.load(scene(tmp_path, text)) for text in (DROP, THROW))
     assert unit(with_scale, ENERGY).text(1000 * 200**2) == "1 J"
     assert unit(with_scale, IMPULSE).text(0.0005 * 1000 * 200) == "500 µN·s"
     assert unit(without, ENERGY).text(3e6) == "3e+06 g·px²/s²"
-
-
-def test_even_frames_end_with_the_last() -> None:
-    from physgen.pipeline.plotting import chosen
-
-    assert chosen(3, 2) == [0, 1]
-    assert chosen(6, 61)[-1] == 60
-    assert pipeline.output_name("a/b.yaml", None) == "b"

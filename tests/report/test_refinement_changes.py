@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from pytest import approx
 
 from physgen.report.refinement import (
@@ -84,14 +83,6 @@ def test_half_a_pixel_counts_half() -> None:
     assert nothing.figures()["objects"] is None
 
 
-def test_another_colour_of_the_same_brightness_is_a_change() -> None:
-    refined = grey(100)
-    refined[..., 0], refined[..., 1], refined[..., 2] = 130, 92, 95
-    changes = RefinementChanges(1, 10.0)
-    changes.add(grey(100), refined, square())
-    assert changes.figures()["all"] == approx((30 + 8 + 5) / 3, abs=1e-4)
-
-
 def test_jumps_are_those_of_neighbours() -> None:
     changes = RefinementChanges(4, 8.0)
     for before, after in ((100, 100), (104, 104), (105, 113), (105, 112)):
@@ -145,21 +136,3 @@ def test_where_nothing_changed_there_is_no_colour() -> None:
         assert (refined == code).all()
         assert (change == change[0, 0, 0]).all()
     assert changes.figures()["all"] == 0
-
-
-@pytest.mark.parametrize(("count", "shown"), [(1, [0]), (4, [0, 1, 2, 3]), (11, [0, 2, 4, 6, 8, 10])])
-def test_columns_run_from_the_first_to_the_last(count: int, shown: list[int]) -> None:
-    changes = RefinementChanges(count, 10.0)
-    for k in range(count):
-        changes.add(grey(20 * k), grey(20 * k + 5), square())
-    page = changes.picture()
-    assert [int(one[0][0, 0, 0]) for one in panels(page, len(shown))] == [20 * k for k in shown]
-
-
-def test_a_large_picture_is_made_smaller_in_linear_light() -> None:
-    board = np.zeros((1088, 1936, 3), np.uint8)
-    board[::2], board[:, ::2] = 255, 255  # three of four white
-    changes = RefinementChanges(1, 10.0)
-    changes.add(board, board, np.zeros(board.shape[:2], np.float32))
-    [(guidance, _, _)] = panels(changes.picture(), 1)
-    assert guidance.mean() == approx(225, abs=1)  # 0.75 of the light

@@ -91,23 +91,6 @@ def test_the_page_says_why_a_refinement_failed(tmp_path: Path) -> None:
     assert "Mean change" not in page
 
 
-def test_without_refinement_nothing_is_said_of_it(tmp_path: Path) -> None:
-    page = page_of(tmp_path, None)
-    assert "Refinement" not in page
-    assert "The rendered video." in page
-
-
-def test_the_manifest_tells_of_it() -> None:
-    record = RunRecord("scene", ["physgen"], refine=dict(NOTE), unrefined=["a", "b"])
-    manifest = record.manifest()
-    assert manifest["refine"] == NOTE
-    assert manifest["unrefined"] == ["a", "b"]
-    assert manifest["versions"]["torch"] == "2.9.0"
-    plain = RunRecord("scene", ["physgen"]).manifest()
-    assert plain["refine"] is None
-    assert "torch" not in plain["versions"]
-
-
 def test_the_gallery_falls_back_to_the_clip_as_it_was(tmp_path: Path) -> None:
     for name, files, frames in (
         ("failed", ["report.html", "unrefined.mp4"], 0),

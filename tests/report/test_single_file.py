@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import io
 import re
 import shutil
 from pathlib import Path
@@ -12,13 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 from browser import FALL, at, fallen, middle, opened
-from PIL import Image
 from pytest import approx
 
 from physgen import pipeline
-from physgen.cli.main import main
 from physgen.export.video import Format
-from physgen.report.films import embedded_film, linked_film, size_warning
+from physgen.report.films import embedded_film, linked_film
 
 SIZE = (320, 400)
 SHORT = FALL.replace("duration: 1.5", "duration: 0.6")
@@ -80,43 +77,10 @@ def test_alone_it_plays_in_step(browser: Any, alone: Path, name: str) -> None:
         assert seen.errors == []
 
 
-@pytest.mark.parametrize("name", ["gif", "webp"])
-def test_pictures_that_move_are_carried_as_they_are(browser: Any, alone: Path, name: str) -> None:
-    page = alone / f"{name}.html"
-    with opened(browser, page) as seen:
-        seen.page.wait_for_function("() => document.querySelector('[data-part=film]').naturalWidth === 320")
-        assert seen.page.get_attribute("[data-part=save]", "download") == f"fall.{name}"
-        assert asked(seen) == [page.as_uri()]
-        assert seen.errors == []
-    text = page.read_text()
-    data = re.search(rf'src="data:image/{name};base64,([^"]+)" data-part="film"', text)[1]
-    with Image.open(io.BytesIO(base64.b64decode(data))) as film:
-        assert film.n_frames == 18
-
-
-def test_without_scripts_it_can_be_played(browser: Any, alone: Path) -> None:
-    with opened(browser, alone / "mp4.html", ready=False, java_script_enabled=False) as seen:
-        assert seen.page.is_visible("video[controls]")
-        assert asked(seen) == [(alone / "mp4.html").as_uri()]
-
-
 def test_the_page_names_nothing_beside_it(alone: Path) -> None:
     for page in alone.glob("*.html"):
         named = re.findall(r'(?:src|href)="([^"]{0,40})', page.read_text())
         assert [name for name in named if not name.startswith(("data:", "#"))] == [], page.name
-
-
-def test_frames_beside_the_page_go_in_step(browser: Any, tmp_path: Path) -> None:
-    (tmp_path / "fall.yaml").write_text(SHORT, encoding="utf-8")
-    folder = pipeline.render_scene(tmp_path / "fall.yaml", tmp_path / "out", formats=[Format.PNG])
-    with opened(browser, folder / "report.html") as seen:
-        for frame in (3, 11, 0):
-            seen.seek(frame / 30)
-            seen.page.wait_for_function(
-                "name => document.querySelector('[data-part=film]').src.endsWith(name)",
-                arg=f"/frames/{frame:05}.png",
-            )
-        assert seen.errors == []
 
 
 def test_the_best_film_is_shown(tmp_path: Path) -> None:
@@ -128,21 +92,3 @@ def test_the_best_film_is_shown(tmp_path: Path) -> None:
     film = embedded_film(tmp_path, ["frames", "video.gif", "video.webp"], 30, "name")
     assert film.source == "data:image/webp;base64," + base64.b64encode(b"film").decode()
     assert (film.plays, film.name) == (False, "name.webp")
-
-
-def test_it_needs_a_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "fall.yaml").write_text(SHORT, encoding="utf-8")
-    command = ["render", str(tmp_path / "fall.yaml"), "-o", str(tmp_path / "out"), "--single-file"]
-    assert main([*command, "--report", "none"]) == 2
-    assert "--single-file: needs a page" in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
-    assert main([*command, "--report", "plain"]) == 0
-    assert '<video src="data:video/mp4;base64,' in (tmp_path / "out" / "fall" / "report.html").read_text()
-
-
-def test_what_no_mailbox_takes_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    page = tmp_path / "report.html"
-    page.write_bytes(b" " * 2_000)
-    assert size_warning(page, "less") is None
-    monkeypatch.setattr("physgen.report.films.MAILED", 1_000)
-    assert "few mailboxes" in str(size_warning(page, "less"))

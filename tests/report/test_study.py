@@ -17,7 +17,7 @@ from pytest import approx
 
 from physgen.cli.main import main
 from physgen.evaluate.methods import methods_in
-from physgen.evaluate.study import choose, make, read_key
+from physgen.evaluate.study import make, read_key
 from physgen.problems import InputError
 
 
@@ -126,18 +126,6 @@ def test_scenes_that_not_all_have_made_are_left_out(
     assert "drift, melt, ours have no scene in common" in capsys.readouterr().err
 
 
-def test_so_many_scenes_are_drawn_from_all(tmp_path: Path) -> None:
-    """Every one comes up, whatever its place."""
-    for k in range(12):
-        (tmp_path / "ours").mkdir(exist_ok=True)
-        (tmp_path / "ours" / f"s{k}.mp4").write_bytes(b"")
-    methods = methods_in(tmp_path)
-    drawn = [choose(methods, 4, seed) for seed in range(40)]
-    assert all(len(set(scenes)) == 4 for scenes in drawn)
-    assert {scene for scenes in drawn for scene in scenes} == set(methods.scenes)
-    assert choose(methods, 12, 0) == list(methods.scenes)
-
-
 def test_clips_of_many_kinds_are_read(home: Path, tmp_path: Path) -> None:
     for ending in ("gif", "webp"):
         write_clip(tmp_path / ending / f"pool.{ending}", "ours")
@@ -164,30 +152,3 @@ def test_clips_that_cannot_be_shown_are_told_all_at_once(home: Path, tmp_path: P
     assert main(["evaluate", "study", str(tmp_path / "m"), "-o", str(tmp_path / "s.html")]) == 2
     assert not (tmp_path / "s.html").exists()
     assert not (tmp_path / "s.key.json").exists()
-
-
-def test_one_scene_twice_is_refused(home: Path, tmp_path: Path) -> None:
-    write_clip(tmp_path / "ours" / "pool.mp4", "ours")
-    write_clip(tmp_path / "ours" / "pool" / "video.mp4", "ours")
-    with pytest.raises(InputError, match='are two clips of the scene "pool"'):
-        methods_in(tmp_path)
-
-
-def test_folders_without_clips_are_no_methods(home: Path, tmp_path: Path) -> None:
-    """Posters, pages and results that lie about are passed over."""
-    shutil.copytree(home, tmp_path / "m")
-    for path in ("board/index.html", "board/index.files/a.webp", "ours/index.html", "ours/pool/poster.gif"):
-        (tmp_path / "m" / path).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / "m" / path).write_bytes(b"x")
-    found = methods_in(tmp_path / "m")
-    assert found.names == ("drift", "melt", "ours")
-    assert found.scenes == ("pool", "shelf")
-    assert set(found.photos) == set(found.words) == {"pool"}
-
-
-def test_a_study_of_one_method_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    write_clip(tmp_path / "m" / "ours" / "pool.mp4", "ours")
-    assert main(["evaluate", "study", str(tmp_path / "m"), "-o", str(tmp_path / "s.html")]) == 0
-    said = capsys.readouterr().err
-    assert "1 clip: 1 method, 1 scene. Send s.html" in said
-    assert "It is of one method alone: there is nothing to compare its scores with." in said

@@ -126,33 +126,6 @@ def test_orders_differ_between_raters_and_stay_with_one(browser: Any, page: Path
     assert sorted(first) == sorted(second) == sorted(key.clips)
 
 
-def test_the_page_names_nobody(browser: Any, page: Path) -> None:
-    with opened(browser, page, ready=False) as seen:
-        texts = [seen.page.inner_text("body")]
-        begin(seen, "Ada")
-        for _ in range(CLIPS):
-            texts.append(seen.page.inner_text("body") + (seen.page.get_attribute("video", "src") or ""))
-            seen.page.click("[data-part=skip]")
-        texts.append(seen.page.inner_text("body"))
-        assert not any(name in text for text in texts for name in (*SHADES, "shelf", "physgen"))
-        assert any("the red ball rolls to the right" in text for text in texts), "what was asked for is told"
-
-
-def test_films_go_round_and_photos_stand_beside_them(browser: Any, page: Path) -> None:
-    with opened(browser, page, ready=False, reduced_motion="no-preference") as seen:
-        begin(seen, "Ada")
-        seen.page.wait_for_function("() => document.querySelector('video').currentTime > 0.1")
-        assert seen.page.evaluate("() => document.querySelector('video').loop")
-        seen.page.keyboard.press(" ")
-        assert seen.page.evaluate("() => document.querySelector('video').paused")
-        seen.page.wait_for_selector("[data-part=pause]:text-is('Play')")
-        photos = []
-        for _ in range(CLIPS):
-            photos.append(seen.page.is_visible("[data-part=photo]"))
-            seen.page.click("[data-part=skip]")
-        assert photos.count(True) == len(SHADES), "one scene of two has a photo"
-
-
 def test_half_an_answer_goes_not_on_and_a_skipped_clip_is_missing(
     browser: Any, page: Path, key: Key, tmp_path: Path
 ) -> None:
@@ -197,19 +170,6 @@ def test_a_second_rater_on_the_same_device(browser: Any, page: Path) -> None:
         seen.page.click("[data-part=other]")
         begin(seen, "ADA")
         assert seen.page.is_checked("[name=physical][value='5']")
-
-
-def test_where_nothing_is_kept_it_is_said(browser: Any, page: Path, tmp_path: Path) -> None:
-    with opened(browser, page, ready=False) as seen:
-        seen.page.add_init_script("Storage.prototype.setItem = () => { throw new Error('full'); };")
-        seen.page.reload()
-        assert seen.page.is_visible("[data-part=unkept]")
-        begin(seen, "Ada")
-        seen.page.keyboard.press("5")
-        seen.page.keyboard.press("4")
-        seen.page.click("[data-part=stop]")
-        assert len(json.loads(save(seen, tmp_path).read_text())["answers"]) == 1
-        assert seen.errors == []
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

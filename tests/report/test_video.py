@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from threading import enumerate as enumerate_threads
 from time import sleep
 
 import cv2
@@ -74,27 +73,6 @@ def test_the_same_bytes_every_run(tmp_path: Path, kind: Format) -> None:
         assert a.read_bytes() == b.read_bytes()
 
 
-def test_bytes_do_not_depend_on_what_lay_in_memory(tmp_path: Path) -> None:
-    """A height that is no multiple of 16: what the encoder fills up its last row of blocks with counts, too."""
-    rng = np.random.default_rng(0)
-    frames = []
-    for k in range(12):
-        frame = np.full((120, 160, 3), 244, np.uint8)
-        cv2.rectangle(frame, (100, 70), (130, 100), (86, 130, 178), -1, cv2.LINE_AA)
-        cv2.circle(frame, (20 + 6 * k, 84), 16, (214, 122, 84), -1, cv2.LINE_AA)
-        cv2.line(frame, (0, 101), (160, 101), (70, 70, 74), 2, cv2.LINE_AA)
-        frames.append(frame)
-    seen = set()
-    for _ in range(16):
-        junk = [rng.integers(0, 255, rng.integers(1000, 400_000), dtype=np.uint8) for _ in range(12)]
-        del junk
-        with open_video(tmp_path, Format.MP4, (160, 120), 30) as write:
-            for frame in frames:
-                write(frame)
-        seen.add((tmp_path / "video.mp4").read_bytes())
-    assert len(seen) == 1
-
-
 def test_pictures_larger_than_an_encoder_takes_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="17000 x 4 px is over the 16384 px that it allows a side"):
         open_video(tmp_path, Format.MP4, (17000, 4), 30).__enter__()
@@ -129,17 +107,3 @@ def test_a_full_disk_stops_the_frames_and_is_told_once() -> None:
     with pytest.raises(OSError, match="No space"):
         draw()
     assert len(made) < 10_000, "it went on for nobody"
-
-
-def test_who_stops_drawing_stops_the_thread() -> None:
-    seen: list[int] = []
-
-    def draw() -> None:
-        with encode_in_thread([lambda rgb: seen.append(1)]) as put:
-            put(np.zeros((1, 1, 3), np.uint8))
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        draw()
-    assert len(seen) <= 1
-    assert not [thread for thread in enumerate_threads() if thread.name == "encode"]
