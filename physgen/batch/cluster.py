@@ -135,7 +135,7 @@ def _results(client: Client, where: str, jobs: Iterator[Job]) -> Iterator[Done]:
 def _threads(client: Client, where: str) -> int:
     """Clips that the cluster makes at a time, at least 1."""
     try:
-        return max(1, sum(client.nthreads().values()))
+        return max(1, int(sum(client.nthreads().values())))
     except OSError:
         raise _lost(where) from None
 

@@ -301,7 +301,8 @@ class Verdict:
 def judge(golden: Golden, now: Golden, options: GoldenOptions) -> Verdict:
     """Compares a clip with golden files."""
     faults: list[tuple[str, str]] = []
-    motion, frames = None, ()
+    motion: MotionDifference | None = None
+    frames: tuple[FrameResult, ...] = ()
     allowed, pixels = options.motion, options.pixels
     if allowed is not None and now.motion is not None:
         if golden.motion is None or (golden.motion.velocities is None and now.motion.velocities is not None):

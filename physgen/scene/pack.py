@@ -51,7 +51,7 @@ def pack_scene(path: str | os.PathLike[str]) -> bytes:
             continue
         folder = named.source.folder / str(named.value)
         maps = {f"{name}/{kind}.png": folder / f"{kind}.png" for kind in MAPS}
-        there = {member: path for member, path in maps.items() if path.is_file()}
+        there: dict[str, Path | None] = {member: path for member, path in maps.items() if path.is_file()}
         files |= there or {f"{name}/": None}
     return _written(file, next(iter(scenes)), scenes, files)
 

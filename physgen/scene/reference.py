@@ -33,6 +33,9 @@ variants:
 """
 
 
+FORMS = {"array": "a list", "object": "a mapping", "boolean": "`true` or `false`"}
+
+
 def markdown() -> str:
     """The reference as Markdown."""
     schema = expanded()
@@ -77,68 +80,23 @@ def _section(path: str, schema: Schema) -> Iterator[str]:
         default = f"`{example(part['default'])}`" if part.get("default", {}) != {} else "-"
         if key in schema.get("required", []):
             default = "required"
-        value = _value(part, f"{path}.{key}" if path else key)
+        value = _value(part)
         meaning = f"{part['description']} E.g. `{example(part['examples'][0])}`.".replace("|", "\\|")
         yield f"| `{key}` | {value} | {part.get('x-unit', '-')} | {default} | {meaning} |"
 
 
-def _value(part: Schema, path: str) -> str:
-    """What may be written, in words."""
-    if "const" in part:
-        return f"`{part['const']}`"
-    kind = part.get("type", "string")
-    kinds = kind if isinstance(kind, list) else [kind]
-    words = part.get("enum") or part.get("then", {}).get("enum", [])
-    ways = [f"`{word}`" for word in words]
-    if "boolean" in kinds:
-        ways.append("`true` or `false`")
-    for number in ("integer", "number"):
-        if number in kinds:
-            ways.append(measure({**part, "type": number}, "", ranged=True))
-    if "string" in kinds and not words:
-        ways.append("a name" if "pattern" in part else "text")
-    if "array" in kinds:
-        ways.append(_list(part, path))
-    if "object" in kinds:
-        ways.append(_mapping(part, path))
-    return listed(ways)
-
-
-def _mapping(part: Schema, path: str) -> str:
-    rest = part.get("additionalProperties")
-    if isinstance(rest, dict):
-        return (
-            f"{_link('a mapping', f'{path}.NAME')} by name" if "properties" in rest else "a mapping by name"
-        )
-    return _link("a mapping", path)
-
-
-def _link(text: str, path: str) -> str:
-    """A link to a section; the anchor is the heading in small letters without its punctuation."""
-    return f"[{text}](#{''.join(c for c in path.lower() if c.isalnum() or c == '_')})"
-
-
-def _list(part: Schema, path: str) -> str:
-    fewest, most = part.get("minItems", 0), part.get("maxItems", 0)
-    inner = part["prefixItems"][0] if "prefixItems" in part else part["items"]
-    count = f"{fewest}" if fewest == most else f"at least {fewest}" if fewest > 1 else "a list of"
-    if fewest + 1 == most:
-        count = f"{fewest} or {most}"
-    if inner["type"] == "object":
-        return f"{count} {_link('mappings', f'{path}[]')}"
-    return f"{count} {_items_of(inner)}"
-
-
-def _items_of(inner: Schema) -> str:
-    if "enum" in inner:
-        return listed(f"`{word}`" for word in inner["enum"])
-    if inner["type"] != "array":
-        return {"integer": "whole numbers", "string": "names"}.get(inner["type"], "numbers")
-    if "prefixItems" in inner:
-        return "points `[x, y]`"
-    deeper = inner["items"]
-    return (
-        f"lists of {_items_of(deeper)}"
-        if deeper["type"] == "array"
-        else f"knots `{example(inner['examples'][0])}`"
+def _value(part: Schema) -> str:
+    """What may be written, in words; the example shows its form."""
+    words = (
+        part.get("enum") or part.get("then", {}).get("enum", []) or [part[k] for k in ("const",) if k in part]
     )
+    ways = [f"`{word}`" for word in words]
+    kind = part.get("type", "string")
+    for name in [kind] if isinstance(kind, str) else kind:
+        if name in ("integer", "number") and not words:
+            ways.append(measure({**part, "type": name}, "", ranged=True))
+        elif name == "string" and not words:
+            ways.append("a name" if "pattern" in part else "text")
+        elif name in FORMS:
+            ways.append(FORMS[name])
+    return listed(ways)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import ceil, floor, sqrt
 from pathlib import Path
@@ -15,7 +15,6 @@ from physgen.geometry.framing import video_size
 from physgen.image_formats import MOST_PIXELS
 from physgen.scene.document import Node, children, items, whole
 from physgen.scene.files import MAPS, RefusedError, confined, image_size
-from physgen.scene.outlines import outline_problem, same_point
 from physgen.scene.schema import advice, at
 from physgen.scene.validate import Findings
 from physgen.text import KeyPath, listed, nearest, number, quoted, shown
@@ -32,6 +31,16 @@ OWNER = {
 }
 """Key of a joint or field -> the only kind that it belongs to."""
 ONE_OF_TWO = "write only one of the two"
+SAME_POINT = 1e-9
+"""px: to what a float of 10^6 px resolves."""
+FEW_CORNERS = 60
+"""Corners up to which every pair of lines is compared here: shapely takes 0.1 s to import."""
+MAX_PAIRS = 2_000_000
+"""Pairs of lines of an outline that are compared at most: a contour of 100,000 corners needs some 400,000."""
+BLOCK = 16
+"""Lines that are compared with all others at a time: bounds the memory where every line is near every other."""
+
+Corner = tuple[float, float]
 
 
 @dataclass
@@ -295,7 +304,7 @@ class _Rules:
             return
         points = _points(line)
         for index in range(1, len(points)):
-            if same_point(points[index - 1], points[index]):
+            if max(abs(a - b) for a, b in zip(points[index - 1], points[index], strict=True)) < SAME_POINT:
                 where: KeyPath = (*path, given[0], index)
                 place = items(line)[index].place
                 self.add(place, where, "", "is the point before it again", "move or drop it")
@@ -476,6 +485,62 @@ def _outlines(mask: Node | None, kinds: dict[str, Node]) -> Iterator[tuple[KeyPa
         yield (*where, "outline"), children(piece)["outline"], True
         for hole, node in enumerate(items(children(piece).get("holes"))):
             yield (*where, "holes", hole), node, True
+
+
+def outline_problem(points: Sequence[Corner], crossing: bool) -> tuple[str, str] | None:
+    """`expected` and `fix` of a Problem, None for a good outline; `crossing`: its lines may not cross.
+
+    Only lines that properly cross are refused; an outline may touch itself, as contours of masks do.
+    """
+    x0, y0 = points[0]
+    xs = [x - x0 for x, _ in points]
+    ys = [y - y0 for _, y in points]
+    area = sum(xs[i - 1] * ys[i] - xs[i] * ys[i - 1] for i in range(len(points))) / 2
+    extent = (max(xs) - min(xs)) * (max(ys) - min(ys))
+    flat = abs(area) < 1e-12 * extent
+    if extent > 0 and crossing and (pair := _crossing(points)) is not None:
+        if pair == (-1, -1):
+            return "is too tangled to check for crossings", "simplify it"
+        found = f"crosses itself: the lines from corners {pair[0]} and {pair[1]}"
+        return found, "write the corners in order"
+    if extent == 0 or (flat and (crossing or len(points) < 4)):
+        return "has no area", "write at least three corners that are not on one line"
+    return None
+
+
+def _crossing(points: Sequence[Corner]) -> tuple[int, int] | None:
+    """First pair of lines that properly cross, by their first corners; (-1, -1) after MAX_PAIRS comparisons."""
+    if len(points) <= FEW_CORNERS:
+        ends = [*points, points[0]]
+        pairs = ((i, j) for i in range(len(points)) for j in range(i + 2, len(points)))
+        return next((pair for pair in pairs if _cross(*(ends[k + n] for k in pair for n in (0, 1)))), None)
+    import numpy as np
+    import shapely
+
+    corners = np.asarray(points, dtype=float)
+    lines = shapely.linestrings(np.stack([corners, np.roll(corners, -1, axis=0)], axis=1))
+    tree = shapely.STRtree(lines)
+    compared = 0
+    for start in range(0, len(lines), BLOCK):
+        first, second = tree.query(lines[start : start + BLOCK])
+        first += start
+        compared += len(first)
+        if compared > MAX_PAIRS:
+            return (-1, -1)
+        hits = (second > first) & shapely.crosses(lines[first], lines[second])
+        if hits.any():
+            return min(zip(first[hits].tolist(), second[hits].tolist(), strict=True))
+    return None
+
+
+def _cross(a: Corner, b: Corner, c: Corner, d: Corner) -> bool:
+    """Whether both ends of each segment lie on different sides of the other."""
+
+    def side(p: Corner, q: Corner, r: Corner) -> float:
+        return (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
+
+    sides = side(a, b, c), side(a, b, d), side(c, d, a), side(c, d, b)
+    return min(sides[:2]) < 0 < max(sides[:2]) and min(sides[2:]) < 0 < max(sides[2:])
 
 
 def _point(node: Node) -> tuple[float, float]:

@@ -1,24 +1,34 @@
-"""Outlines that cross themselves, by two fast ways and by comparing every pair."""
+"""Outlines that cross themselves, compared with every pair of lines in exact numbers."""
 
 from __future__ import annotations
 
 import math
+from fractions import Fraction
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from physgen.scene import outlines
-from physgen.scene.outlines import Corner, outline_problem
+from physgen.scene.rules import Corner, outline_problem
+
+
+def properly_cross(a: Corner, b: Corner, c: Corner, d: Corner) -> bool:
+    """Both ends of each segment lie on different sides of the other, in exact numbers."""
+
+    def side(p: Corner, q: Corner, r: Corner) -> Fraction:
+        (px, py), (qx, qy), (rx, ry) = (map(Fraction, point) for point in (p, q, r))
+        return (qx - px) * (ry - py) - (qy - py) * (rx - px)
+
+    return side(a, b, c) * side(a, b, d) < 0 and side(c, d, a) * side(c, d, b) < 0
 
 
 def every_pair(points: list[Corner]) -> tuple[int, int] | None:
     n = len(points)
     for i in range(n):
         for j in range(i + 2, n):
-            if (i - j) % n == 1:
-                continue
-            if outlines._cross(points[i], points[(i + 1) % n], points[j], points[(j + 1) % n]):
+            if (i - j) % n != 1 and properly_cross(
+                points[i], points[(i + 1) % n], points[j], points[(j + 1) % n]
+            ):
                 return (i, j)
     return None
 
@@ -28,13 +38,16 @@ COORDINATES = st.one_of(st.integers(0, 6), st.floats(0, 6, width=16))
 
 @settings(max_examples=300, deadline=None)
 @given(st.lists(st.tuples(COORDINATES, COORDINATES), min_size=3, max_size=12))
-def test_both_ways_find_the_first_pair(points: list[Corner]) -> None:
-    expected = every_pair(points)
-    assert outlines._sweep(points) == expected
-    if max(x for x, _ in points) > min(x for x, _ in points) or max(y for _, y in points) > min(
-        y for _, y in points
-    ):
-        assert outlines._tree_search(points) == expected
+def test_the_first_pair_of_lines_that_cross_is_found(points: list[Corner]) -> None:
+    (left, right), (top, bottom) = ((min(c), max(c)) for c in zip(*points, strict=True))
+    if left < right and top < bottom:
+        expected = every_pair(points)
+        problem = outline_problem(points, True)
+        found = "" if problem is None else problem[0]
+        if expected is None:
+            assert not found.startswith("crosses")
+        else:
+            assert found == f"crosses itself: the lines from corners {expected[0]} and {expected[1]}"
 
 
 def circle(corners: int, radius: float = 100) -> list[Corner]:
@@ -42,7 +55,7 @@ def circle(corners: int, radius: float = 100) -> list[Corner]:
     return [(radius * math.cos(t), radius * math.sin(t)) for t in turns]
 
 
-@pytest.mark.parametrize("corners", [3, 80, 399, 401, 3000])
+@pytest.mark.parametrize("corners", [3, 50, 3000])
 def test_a_circle_is_fine_until_two_corners_change_places(corners: int) -> None:
     points = circle(corners)
     assert outline_problem(points, True) is None

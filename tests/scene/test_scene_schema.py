@@ -101,18 +101,6 @@ def test_the_reference_shows_every_key() -> None:
         assert f"| `{key}` |" in text, path
 
 
-def test_links_of_the_reference_lead_somewhere() -> None:
-    text = markdown()
-    heads = {
-        "".join(c for c in line[3:].lower() if c.isalnum() or c in "_ -").replace(" ", "-")
-        for line in text.splitlines()
-        if line.startswith("## ")
-    }
-    links = {part.partition(")")[0] for part in text.split("](#")[1:]}
-    assert links
-    assert links <= heads
-
-
 def test_the_example_of_the_reference_loads(tmp_path: Path) -> None:
     path = tmp_path / "example.yaml"
     path.write_text(EXAMPLE)
