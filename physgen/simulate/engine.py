@@ -131,78 +131,15 @@ class Running:
         tape: StepLog | None = None,
     ) -> None:
         self.times = world.times if times is None else np.asarray(times, np.float64)
-        self._run = _Run(world, self.times, iterations, tape)
-        self._h = 1.0 / world.steps_per_second
+        self._base = 1.0 / world.steps_per_second
         self._number = -1
-
-    @property
-    def end(self) -> float:
-        """s: the last sample."""
-        return float(self.times[-1]) if len(self.times) else 0.0
-
-    @property
-    def done(self) -> int:
-        """Samples taken, of all."""
-        return self._run.ledger.done
-
-    def on(self, until: float, progress: Progress = silent, enough: Callable[[], bool] = never) -> None:
-        """Steps from where the run stands to a time, s; fewer where it was `enough` after one of them.
-
-        Raises InputError where a body leaves all numbers.
-        """
-        ledger = self._run.ledger
-        with self._overflow_named():
-            if self._number < 0:
-                self._number = 0
-                self._run.start()
-            last = ceil(until / self._h - 1e-9)
-            while self._number < last and not enough():
-                self._number += 1
-                self._run.advance((self._number - 1) * self._h, self._number * self._h)
-                if self._number % 256 == 0:
-                    progress("simulate", ledger.done, len(self.times))
-
-    def read(self) -> None:
-        """Take the samples up to where the run stands."""
-        with self._overflow_named():
-            self._run.ledger.read()
-
-    def rest(self) -> None:
-        """The same, where the run is over, or pauses for long."""
-        with self._overflow_named():
-            self._run.ledger.flush()
-
-    def further(self, until: float) -> None:
-        """On to a later time than the last sample's."""
-        self.on(until)
-        self.rest()
-
-    def trajectory(self) -> Trajectory:
-        """What is known; samples from `done` on are not taken yet, and zeros."""
-        return recorded_trajectory(self._run.ledger, self._run.effort())
-
-    @contextmanager
-    def _overflow_named(self) -> Iterator[None]:
-        """Raises InputError where numbers overflow."""
-        try:
-            with np.errstate(over="ignore", invalid="ignore"):
-                yield
-        except (OverflowError, np.linalg.LinAlgError) as error:
-            found = f"leaves all numbers by t = {self._number * self._h:.3f} s"
-            raise InputError([Problem(UNKNOWN_PLACE, "world", "the motion", found, DIVERGED_FIX)]) from error
-
-
-class _Run:
-    """One world in motion."""
-
-    def __init__(self, world: World, times: Array, iterations: int | None, tape: StepLog | None) -> None:
         bodies = world.bodies
         self._world, self._tape = world, tape
         self._space = Space(world)
         self._governor = Governor(world, iterations)
         loads, self._scripts = ForceFields(world), ScriptedMotion(world)
         self._lasting = StepForces(world, self._space.moving, loads)
-        self.ledger = Recorder(world, self._space.moving, loads, self._scripts, times)
+        self._ledger = Recorder(world, self._space.moving, loads, self._scripts, self.times)
         moving = self._space.moving
         self._row = {int(body): row for row, body in enumerate(moving)}
         self._stepper = Stepper(world, self._space, self._lasting, self._governor)
@@ -221,21 +158,73 @@ class _Run:
             raise InputError([Problem(UNKNOWN_PLACE, f"joints.{name}.stiffness", "", found, fix)])
         self._divided = self._most_parts = self._reviewed = 0
 
-    def effort(self) -> Effort:
-        """What it took."""
-        return Effort(
+    @property
+    def end(self) -> float:
+        """s: the last sample."""
+        return float(self.times[-1]) if len(self.times) else 0.0
+
+    @property
+    def done(self) -> int:
+        """Samples taken, of all."""
+        return self._ledger.done
+
+    def on(self, until: float, progress: Progress = silent, enough: Callable[[], bool] = never) -> None:
+        """Steps from where the run stands to a time, s; fewer where it was `enough` after one of them.
+
+        Raises InputError where a body leaves all numbers.
+        """
+        with self._overflow_named():
+            if self._number < 0:
+                self._number = 0
+                self._start()
+            last = ceil(until / self._base - 1e-9)
+            while self._number < last and not enough():
+                self._number += 1
+                self._advance((self._number - 1) * self._base, self._number * self._base)
+                if self._number % 256 == 0:
+                    progress("simulate", self._ledger.done, len(self.times))
+
+    def read(self) -> None:
+        """Take the samples up to where the run stands."""
+        with self._overflow_named():
+            self._ledger.read()
+
+    def rest(self) -> None:
+        """The same, where the run is over, or pauses for long."""
+        with self._overflow_named():
+            self._ledger.flush()
+
+    def further(self, until: float) -> None:
+        """On to a later time than the last sample's."""
+        self.on(until)
+        self.rest()
+
+    def trajectory(self) -> Trajectory:
+        """What is known; samples from `done` on are not taken yet, and zeros."""
+        effort = Effort(
             steps=self._stepper.steps,
             divided=self._divided,
             most_parts=self._most_parts,
             iterations=self._governor.most_sweeps,
             impacts=self._stepper.impacts,
-            still=self._governor.stillest(1.0 / self._world.steps_per_second),
+            still=self._governor.stillest(self._base),
         )
+        return recorded_trajectory(self._ledger, effort)
 
-    def start(self) -> None:
+    @contextmanager
+    def _overflow_named(self) -> Iterator[None]:
+        """Raises InputError where numbers overflow."""
+        try:
+            with np.errstate(over="ignore", invalid="ignore"):
+                yield
+        except (OverflowError, np.linalg.LinAlgError) as error:
+            found = f"leaves all numbers by t = {self._number * self._base:.3f} s"
+            raise InputError([Problem(UNKNOWN_PLACE, "world", "the motion", found, DIVERGED_FIX)]) from error
+
+    def _start(self) -> None:
         """The half step to t = 0: velocities from t = 0 to the middle of the first step."""
         world = self._world
-        h = 1.0 / world.steps_per_second / self._stiff
+        h = self._base / self._stiff
         pose = self._center.copy()
         velocity = np.array([[*b.velocity, b.spin] for b in world.bodies]).reshape(-1, 3)
         roll = self._lasting.roll
@@ -258,10 +247,10 @@ class _Run:
         if step.before is None:
             step.before = state[:, 3:].copy()
         if self._tape is not None:
-            self._tape.begin(self.ledger, step, pose, shown, roll)
-        self.ledger.begin(step, pose, shown, roll)
+            self._tape.begin(self._ledger, step, pose, shown, roll)
+        self._ledger.begin(step, pose, shown, roll)
 
-    def advance(self, begin: float, end: float) -> None:
+    def _advance(self, begin: float, end: float) -> None:
         """A base step, in as many parts as it needs."""
         h = end - begin
         parts = self._stiff
@@ -329,8 +318,8 @@ class _Run:
             self._governor.note(sum(len(impact.first) for impact in step.impacts))
         if self._tape is not None:
             self._tape.add(step)
-        if self.ledger.add(step):
-            ledger, since = self.ledger, self._stepper.steps - self._reviewed
+        if self._ledger.add(step):
+            ledger, since = self._ledger, self._stepper.steps - self._reviewed
             self._reviewed = self._stepper.steps
             contacts = len(step.words) // CONTACT_BYTES
             self._governor.review(since, contacts, ledger.residual, ledger.overlap, h)
