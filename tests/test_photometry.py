@@ -61,8 +61,3 @@ def test_the_light_is_found_under_highlights_and_print():
     angle = np.degrees(np.arccos(np.clip(np.dot(fit.light.direction, lamp.direction), -1, 1)))
     assert angle < 2
     assert fit.light.intensity == pytest.approx(0.7, abs=0.03)
-
-
-def test_flat_normals_tell_nothing():
-    assert fit_light(np.ones(100), np.tile([0.0, 0.0, 1.0], (100, 1))) is None
-    assert fit_light(np.ones(3), np.eye(3)) is None

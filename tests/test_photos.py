@@ -117,15 +117,6 @@ def test_16_bits_are_rounded_not_cut(true: F64, tmp_path: Path, suffix: str) -> 
     assert far(read_image(path), np.repeat(levels(np.round(grey * 65535) / 65535)[..., None], 3, axis=2)) == 0
 
 
-def test_grey_and_black_and_white(shown: U8, tmp_path: Path) -> None:
-    grey = Image.fromarray(shown[:, :, 0])
-    grey.save(tmp_path / "g.png")
-    assert np.array_equal(read_image(tmp_path / "g.png"), np.repeat(shown[:, :, :1], 3, axis=2))
-    bits = shown[:, :, 0] > 99
-    Image.fromarray(bits).save(tmp_path / "b.png")
-    assert np.array_equal(read_image(tmp_path / "b.png")[:, :, 2], bits * np.uint8(255))
-
-
 @pytest.mark.parametrize("deep", [False, True])
 def test_what_lets_light_through_lies_on_white(true: F64, tmp_path: Path, deep: bool) -> None:
     alpha = np.tile(np.linspace(0, 1, W), (H, 1))
@@ -208,22 +199,6 @@ def test_every_orientation(shown: U8, tmp_path: Path, orientation: int) -> None:
     clear = Image.fromarray(stored(np.dstack([shown, np.zeros((H, W), np.uint8)]), orientation))
     clear.save(tmp_path / "clear.png", exif=exif)
     assert (read_photo(tmp_path / "clear.png").rgb == 255).all()
-
-
-@pytest.mark.parametrize("orientation", range(1, 9))
-def test_a_tiff_of_16_bits_is_turned_once(shown: U8, tmp_path: Path, orientation: int) -> None:
-    path = write16(tmp_path / "a.tif", stored(shown, orientation) / 255)
-    data = bytearray(path.read_bytes())
-    (at,) = struct.unpack_from("<I", data, 4)
-    (count,) = struct.unpack_from("<H", data, at)
-    rows = [bytes(data[at + 2 + 12 * k : at + 14 + 12 * k]) for k in range(count)]
-    rows.append(struct.pack("<HHII", 0x0112, 3, 1, orientation))
-    rows.sort(key=lambda row: struct.unpack_from("<H", row))  # tags stand in order
-    place = len(data)
-    data += struct.pack("<H", count + 1) + b"".join(rows) + bytes(4)
-    struct.pack_into("<I", data, 4, place)
-    path.write_bytes(bytes(data))
-    assert np.array_equal(read_photo(path).rgb, shown)
 
 
 # ---- colour spaces ------------------------------------------------------------------------------------------------

@@ -18,9 +18,6 @@ from physgen.refine.fusion import (
     RefineSettings,
     fused,
     no_steps_problem,
-    rising,
-    steps_fused,
-    steps_run,
 )
 
 STEPS, COUNT, STOP = 50, 25, 5
@@ -47,19 +44,6 @@ def refined(exact: Gaussian, guidance, mask, noise, *, count: int = COUNT, stop:
         stop=stop,
         **more,
     )
-
-
-def test_counts_are_the_papers() -> None:
-    assert steps_run(50, 0.5) == 25
-    assert steps_fused(25, 5) == 20
-    assert [rising(k, 25) for k in (0, 1, 19)] == [0.0, 0.04, 0.76]
-    assert steps_fused(3, 5) == 0
-    assert [steps_run(5, s) for s in (0.5, 0.3, 0.1, 0.09)] == [
-        3,
-        2,
-        1,
-        0,
-    ]  # halves upwards, as the paper's code
 
 
 def test_the_last_steps_are_free_and_weights_rise() -> None:

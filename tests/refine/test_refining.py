@@ -63,36 +63,12 @@ def test_all_objects_and_no_weight_give_the_guidance_to_the_byte(grid: Grid, kin
     assert np.array_equal(made, clip(count=count)[0])
 
 
-def test_a_video_larger_than_the_model_knows_is_shown_smaller_and_changes_at_full_size() -> None:
-    model = Gaussian(GRIDS["small"])
-    refinement = Refinement(model, HOW, (61, 35), 11)
-    frames, coverage = clip()
-    made = list(refinement.frames(frames, coverage))
-    assert refinement.note()["size"] == [35, 20]
-    assert made[0].shape == (35, 61, 3)
-    assert apart(made, frames) > 5
-    # what changes is smooth; the grain that the model never saw is still there
-    grain, was = (f[5].astype(float) - np.roll(f[5], 1, axis=1) for f in (made, frames))
-    assert np.corrcoef(grain.ravel(), was.ravel())[0, 1] > 0.6
-    lost = replace(HOW, detail=0.0)
-    grain = np.diff(refined(Gaussian(GRIDS["small"]), lost)[5].astype(float), axis=1)
-    assert np.corrcoef(grain.ravel(), np.diff(frames[5].astype(float), axis=1).ravel())[0, 1] < 0.4
-
-
 @pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS)
 def test_objects_stay_nearer_than_the_rest(grid: Grid) -> None:
     frames, coverage = clip()
     made = np.stack(refined(Gaussian(grid)))
     change, cover = np.abs(made.astype(int) - frames).mean(axis=-1), np.stack(coverage)
     assert change[cover == 1].mean() < 0.9 * change[cover == 0].mean()
-
-
-class Moody(Gaussian):
-    """Sees another brightness in each window and step."""
-
-    def predict(self, latents, k, first):
-        mood = np.random.default_rng((first, k)).standard_normal((1, 3, *latents.shape[2:]), np.float32)
-        return super().predict(latents, k, first) + np.float32(0.3) * mood
 
 
 @pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS)

@@ -92,13 +92,6 @@ def test_locked_objects_keep_their_pixels() -> None:
     assert np.abs(refined[-1].astype(int) - plain[-1])[:30, 60:].mean() > 2
 
 
-def test_clips_that_run_backward_are_refined_in_the_order_of_the_motion() -> None:
-    forward = rendered("--refine", "exact")
-    both = rendered("--refine", "exact", "--set", "render.play=there-and-back")
-    assert both["frames"] == [*forward["frames"], *forward["frames"][-2::-1]]
-    assert "simulate" not in both["stages"]
-
-
 def test_overlays_are_drawn_over_what_was_refined() -> None:
     plain = rendered("--refine", "exact")
     drawn = rendered("--refine", "exact", "--set", "render.overlay=[outlines]")

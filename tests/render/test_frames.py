@@ -8,7 +8,7 @@ import pytest
 from pytest import approx
 
 from physgen.photometry import decode, encode_u8
-from physgen.render.frames import encode_picture, render_frames
+from physgen.render.frames import render_frames
 from physgen.render.sprites import cut_sprites
 from physgen.render.stage import Stage
 from physgen.simulate.trajectory import Contacts, Effort, Energy, Trajectory
@@ -80,13 +80,6 @@ def test_at_rest_every_frame_is_the_photo(photo) -> None:
             assert set(np.unique(frame.ids)) == {0, 1, 2}
 
 
-def test_nothing_stays_behind(photo) -> None:
-    gone = trajectory([(50, 60, 0), (500, 60, 1)], [(90, 60, 0), (90, 900, 2)])
-    *_, last = render_frames(staged(photo), gone)
-    assert np.array_equal(last.rgb, photo[3])
-    assert not last.ids.any()
-
-
 def test_an_object_left_out_vanishes_without_a_rim(photo) -> None:
     rgb, labels, coverage, background = photo
     kept = np.where(labels == 1, labels, 0).astype(np.uint16)
@@ -153,9 +146,3 @@ def test_a_mirrored_scene_gives_mirrored_frames(photo) -> None:
     for a, b in zip(plain, other, strict=True):
         difference = np.abs(a.rgb.astype(int) - b.rgb[:, ::-1])
         assert difference.mean() < 0.1
-
-
-def test_bytes_are_those_of_the_table_everywhere() -> None:
-    light = np.concatenate([np.linspace(-0.1, 1.2, 300_000), decode(np.arange(256, dtype=np.uint8))])
-    light = light.astype(np.float32)[: len(light) // 3 * 3].reshape(-1, 1, 3)
-    assert np.array_equal(encode_picture(light), encode_u8(light))

@@ -87,14 +87,6 @@ def test_normals_turn_and_things_leave_the_canvas(device: str) -> None:
     assert_same(render_frames_torch(stage, away, device=device), expected, 6)
 
 
-@pytest.mark.parametrize("device", DEVICES)
-def test_an_exposure_is_the_same_mean(device: str) -> None:
-    stage, trajectory, _ = staged("marbles/scene.yaml", 12)
-    expected = list(render_frames(stage, trajectory, parts=4))
-    for batch in (2, None):
-        assert_same(render_frames_torch(stage, trajectory, device=device, batch=batch, parts=4), expected, 3)
-
-
 @pytest.fixture
 def lesson(tmp_path: Path) -> Path:
     path = tmp_path / "lesson.yaml"

@@ -117,15 +117,3 @@ def test_scaled_length_and_time_give_the_same_motion(rows, e, mu, scale) -> None
     )
     a, b = simulate(w), simulate(large)
     assert b.poses / [scale, scale, 1] == pytest.approx(a.poses, abs=0.05)
-
-
-@settings(max_examples=15, deadline=None)
-@given(bodies, elasticity, friction)
-def test_what_touches_nothing_can_be_taken_away(rows, e, mu) -> None:
-    w = drawn(rows, e, mu, walls=[floor(y=260, e=e, mu=mu)], duration=0.5)
-    far = ball("far", 3000, -500, v=(40, 0), e=e)
-    beside = simulate(replace(w, bodies=(*w.bodies, far)))
-    alone = simulate(w)
-    touched = beside.contacts.touch_pairs
-    assert not ((touched == len(w.bodies)).any())
-    assert beside.poses[:, :-1] == pytest.approx(alone.poses, abs=1e-3)
