@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from cmath import exp
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,39 +27,26 @@ AT_REST = 1e-9
 """px and rad: rounding of poses that are equal."""
 
 
-class PosedView(Protocol):
+@dataclass(frozen=True)
+class PosedView:
     """Poses of N bodies, and the camera."""
 
-    @property
-    def lens(self) -> Array:
-        """(2, 3): photo px -> video px."""
-
-    @property
-    def poses(self) -> Array:
-        """(N, 3): x px, y px, angle rad, of the centre of mass, in the photo."""
-
-    @property
-    def spaces(self) -> Array | None:
-        """(N, 3, 3): rotations in space since t = 0, +z into the photo; None: bodies turn in the picture alone."""
-
-
-@dataclass(frozen=True)
-class PhotoPose:
-    """The photo as a view: all of it, at t = 0."""
-
     lens: Array
+    """(2, 3): photo px -> video px."""
     poses: Array
+    """(N, 3): x px, y px, angle rad, of the centre of mass, in the photo."""
     spaces: Array | None
+    """(N, 3, 3): rotations in space since t = 0, +z into the photo; None: bodies turn in the picture alone."""
 
-    @classmethod
-    def of(cls, trajectory: Trajectory, world: World) -> PhotoPose:
-        """Before anything moved, or was placed elsewhere."""
-        shown = photo_poses(world)
-        poses = np.array(shown) if shown else trajectory.poses[0]
-        turned = np.tile(np.eye(3), (len(poses), 1, 1)) if trajectory.turns.size else None
-        if turned is not None and shown:
-            turned[:, :2, :2] = [rotation(pose.angle) for pose in shown]
-        return cls(np.eye(2, 3), poses, turned)
+
+def photo_view(trajectory: Trajectory, world: World) -> PosedView:
+    """The photo as a view: all of it, before anything moved, or was placed elsewhere."""
+    shown = photo_poses(world)
+    poses = np.array(shown) if shown else trajectory.poses[0]
+    turned = np.tile(np.eye(3), (len(poses), 1, 1)) if trajectory.turns.size else None
+    if turned is not None and shown:
+        turned[:, :2, :2] = [rotation(pose.angle) for pose in shown]
+    return PosedView(np.eye(2, 3), poses, turned)
 
 
 def is_ball(body: Body) -> bool:

@@ -86,19 +86,15 @@ def chosen_formats(names: Sequence[str], flag: str = FLAG) -> list[LabelFormat]:
     found: dict[str, LabelFormat] = {}
     problems: list[Problem] = []
     for name in dict.fromkeys(names):
-        try:
-            kind = _format(name, flag)
-        except InputError as error:
-            problems += error.problems
-            continue
-        if kind.name in found:
-            problems += _wrong(
-                flag, name, f"is {kind.name} once more", f'write it once, e.g. "{name}"'
-            ).problems
-        elif kind.library and find_spec(kind.library) is None:
+        kind, what, fix = _format(name)
+        if kind is not None and kind.name in found:
+            what, fix = f"is {kind.name} once more", f'write it once, e.g. "{name}"'
+        elif kind is not None and kind.library and find_spec(kind.library) is None:
             what, fix = f"needs {kind.library}, which is not installed", 'pip install "physgen[labels]"'
-            problems += _wrong(flag, name, what, fix).problems
-        found[kind.name] = kind
+        if what:
+            problems += InputError.of(flag, f'"{name}"', what, fix).problems
+        if kind is not None:
+            found[kind.name] = kind
     if problems:
         raise InputError(problems)
     return list(found.values())
@@ -108,37 +104,35 @@ def check_names(names: Sequence[str], flag: str = FLAG) -> None:
     """Raises InputError with every name that is no format's, where nothing is to be written in them."""
     problems: list[Problem] = []
     for name in names:
-        try:
-            if _format(name, flag).count is not None:
-                plain = name.partition(":")[0]
-                raise _wrong(flag, name, "takes no number here", f'write "{plain}"')
-        except InputError as error:
-            problems += error.problems
+        kind, what, fix = _format(name)
+        if kind is not None and kind.count is not None:
+            what, fix = "takes no number here", f'write "{kind.name}"'
+        if what:
+            problems += InputError.of(flag, f'"{name}"', what, fix).problems
     if problems:
         raise InputError(problems)
 
 
-def _wrong(flag: str, name: str, expected: str, fix: str) -> InputError:
-    return InputError.of(flag, f'"{name}"', expected, fix)
-
-
-def _format(name: str, flag: str) -> LabelFormat:
-    """Of a name, with its number. Raises InputError."""
+def _format(name: str) -> tuple[LabelFormat | None, str, str]:
+    """The format of a name, with its number; or None, what is wrong, and the fix."""
     known = {kind.name: kind for kind in FORMATS}
     plain, colon, number = name.partition(":")
-    if plain not in known:
+    kind = known.get(plain)
+    if kind is None:
         close = nearest(plain, known)
-        fix = f'did you mean "{close}"?' if close else f"write any of {listed(list(known))}"
-        raise _wrong(flag, name, "is no format", fix)
-    kind = known[plain]
+        return (
+            None,
+            "is no format",
+            f'did you mean "{close}"?' if close else f"write any of {listed(list(known))}",
+        )
     if not colon:
-        return kind
+        return kind, "", ""
     if not kind.counted:
-        raise _wrong(flag, name, "takes no number", f'write "{plain}"')
+        return None, "takes no number", f'write "{plain}"'
     if not (number.isascii() and number.isdigit() and 1 <= int(number[:9]) <= MOST_COUNTED):
         what = f"has no number of {kind.counted} from 1 to {MOST_COUNTED:,}"
-        raise _wrong(flag, name, what, f'write e.g. "{plain}:512"')
-    return replace(kind, count=int(number))
+        return None, what, f'write e.g. "{plain}:512"'
+    return replace(kind, count=int(number)), "", ""
 
 
 def check_fits(chosen: Sequence[LabelFormat], scene: Scene, maps: Percepts | None) -> None:

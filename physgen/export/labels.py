@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import World
-from physgen.export.correspondence import BallTurn, is_still, similarity, spans, turns_in_space
+from physgen.export.correspondence import BallTurn, PosedView, is_still, similarity, spans, turns_in_space
 from physgen.export.files import jpeg, png
 from physgen.export.masks import Extent, Presence, amodal_box, presences
 from physgen.maps import Percepts
@@ -37,7 +37,7 @@ OMITTED = 65535
 
 
 @dataclass(frozen=True)
-class View:
+class View(PosedView):
     """One frame of a clip; N bodies."""
 
     index: int
@@ -48,12 +48,6 @@ class View:
     """(H, W, 3) sRGB."""
     ids: U16
     """(H, W): body k shows as k + 1, 0 = background."""
-    lens: Array
-    """(2, 3): photo px -> video px."""
-    poses: Array
-    """(N, 3): x px, y px, angle rad, of the centre of mass, in the photo."""
-    spaces: Array | None
-    """(N, 3, 3): rotations in space since t = 0, +z into the photo; None: bodies turn in the picture alone."""
     covering: Callable[[], Sequence[Cover]] = field(repr=False, compare=False)
     """Computes the coverage of the bodies, see `Frame.covers`."""
 
@@ -293,13 +287,13 @@ class MomentQueue:
         index, self._count = self._count, self._count + 1
         sample = self._samples[index]
         return View(
+            self._shot.affine(frame.time),
+            self._trajectory.poses[sample],
+            None if self._spaces is None else self._spaces[sample],
             index,
             float(self._trajectory.times[sample]),
             frame.rgb,
             frame.ids,
-            self._shot.affine(frame.time),
-            self._trajectory.poses[sample],
-            None if self._spaces is None else self._spaces[sample],
             lambda: frame.covers,
         )
 

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.export.correspondence import BallTurn, PhotoPose, is_still, similarity, spans, turns_in_space
+from physgen.export.correspondence import BallTurn, is_still, photo_view, similarity, spans, turns_in_space
 from physgen.export.labels import Clip, View
 from physgen.perceive.inpaint.poisson import dilate, harmonic_fill
 from physgen.render.stage import Slices
@@ -79,7 +79,7 @@ class Layers:
     ) -> None:
         """`ground` (H, W[, C]) of the photo without objects; `parts` by body."""
         self._world, self._size = clip.world, clip.size
-        self._photo = PhotoPose.of(clip.trajectory, clip.world)
+        self._photo = photo_view(clip.trajectory, clip.world)
         self._ground, self._parts, self._encode = ground, parts, encode
         self._background: tuple[Array, U16] | None = None
         self._frame = np.zeros((0, 0), np.uint16)

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.export.correspondence import PhotoPose, is_ball, spans
+from physgen.export.correspondence import is_ball, photo_view, spans
 from physgen.export.files import png, png_of_bgr, write_png, write_scale
 from physgen.export.labels import Clip, Moment, View, Writer
 from physgen.export.layers import Layers, Part, filled, parts_of, unknown_ground
@@ -164,7 +164,7 @@ class Normals(Writer):
         assert clip.maps is not None
         assert clip.maps.normals is not None
         self._folder, self._world = folder, clip.world
-        self._start = PhotoPose.of(clip.trajectory, clip.world).poses
+        self._start = photo_view(clip.trajectory, clip.world).poses
         write_scale(folder, {"zero": ZERO, "one": ZERO + UNIT, "axes": "+x right, +y down, +z to the viewer"})
         normals = clip.maps.normals
         ground = filled(normals, unknown_ground(clip))

@@ -11,7 +11,7 @@ import pytest
 from physgen import pipeline
 from physgen.compile.appearance import body_in_photo
 from physgen.compile.world import World
-from physgen.export.correspondence import PhotoPose
+from physgen.export.correspondence import photo_view
 from physgen.pipeline.notebook import svg
 from physgen.render.stage import Frame
 
@@ -69,7 +69,7 @@ def shown() -> tuple[Frame, Frame, np.ndarray]:
         compiled = pipeline.compile(scene, maps)
         run = pipeline.simulate(compiled.world)
         frames.append(next(iter(pipeline.render(pipeline.stage(scene, compiled, maps), run))))
-    still = PhotoPose.of(run, compiled.world)
+    still = photo_view(run, compiled.world)
     return frames[0], frames[1], still.poses[8]
 
 

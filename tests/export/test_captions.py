@@ -95,7 +95,6 @@ def test_a_label_is_text_and_says_nothing(tmp_path: Path, label: str) -> None:
 
 # What a sentence claims is looked up in the trajectory, not in the events
 
-PERIOD = 2 / 60
 HALF = 0.0051
 SCENES = {
     "can": (CAN, (TABLE,)),

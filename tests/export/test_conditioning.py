@@ -223,15 +223,3 @@ def test_films_that_cannot_be_are_refused(
     assert code == 2
     assert said in capsys.readouterr().err
     assert not list(tmp_path.rglob("*.json"))
-
-
-PUSHED = """\
-physgen: 1
-size: [64, 48]
-world: {duration: %s, gravity: [0, 0]}
-objects: {crate: {shape: {box: {center: [32, 24], size: [12, 12]}}, mass: 900000}}
-forces:
-  - {object: crate, impulse: [4000, 0], start: %s}
-  - {object: crate, impulse: [0, 3000], start: 0}
-render: {fps: 20, frames: %d}
-"""

@@ -152,12 +152,6 @@ def test_a_clip_that_plays_backward_shows_events_in_that_order(tmp_path: Path) -
     assert ClipTimes(both).frame(0.5) == ClipTimes(forward).frame(0.5)
 
 
-def test_no_objects_no_events(tmp_path: Path) -> None:
-    told = clip(tmp_path, "  {}\n")
-    assert told.shared(story).events == ()
-    assert told.shared(story).caption == "Nothing happens in the picture."
-
-
 SCENES = Path(__file__).parents[2] / "scenes"
 
 
@@ -188,13 +182,3 @@ def test_frames_change_no_event_and_no_caption(dominoes: Clip, frames: int) -> N
     blows = [event for event in told.shared(story).events if event.kind is EventKind.COLLISION]
     assert set(blows[0].surfaces) == set(first.surfaces)  # domino-1 and domino-2
     assert blows[0].time == pytest.approx(first.time, abs=1 / 960)
-
-
-def test_what_comes_after_the_last_frame_has_the_last_frame(tmp_path: Path) -> None:
-    ball = BALL.replace("center: [100, 70]", "center: [100, 160.5]")  # it meets the floor after 0.195 s
-    for way, frame in (("forward", 3), ("backward", 0)):
-        told = clip(tmp_path, ball, "world.duration=0.24", "render.frames=4", f"render.play={way}")
-        (blow,) = (event for event in told.shared(story).events if event.kind is EventKind.COLLISION)
-        assert blow.time > told.trajectory.times[-1]
-        assert ClipTimes(told).frame(blow.time) == frame
-        assert 0 <= ClipTimes(told).shown(blow.time) <= 4 / 60

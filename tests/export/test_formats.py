@@ -10,8 +10,6 @@ from physgen.cli.main import main
 from physgen.export import formats
 from physgen.export.formats import FORMATS
 
-ALL = "coco,davis,youtubevos,mot,mots"
-
 
 def crowd(count: int) -> str:
     places = [(8 * (k % 40) + 4, 8 * (k // 40) + 4) for k in range(count)]
@@ -87,13 +85,3 @@ def test_numbers_that_no_format_takes(formats: str, said: str, tmp_path, capsys)
 
 def test_the_help_names_the_formats_there_are() -> None:
     assert tuple(kind.name for kind in FORMATS) == NAMES
-
-
-REPEATED = """\
-physgen: 1
-size: [48, 32]
-world: {duration: 0.1, gravity: [0, 0]}
-objects: {ball: {shape: {circle: {center: [16, 16], radius: 6}}, velocity: [60, 0]}}
-render: {fps: 20}
-variants: {slow: {objects.ball.velocity: [30, 0]}}
-"""

@@ -84,18 +84,6 @@ def test_the_file_is_what_tap_vid_readers_expect(export) -> None:
         assert {info.date_time for info in file.infolist()} == {(1980, 1, 1, 0, 0, 0)}  # bytes stay the same
 
 
-def test_as_many_points_as_asked_and_others_in_a_clip_of_another_name(photo, export) -> None:
-    (photo / "again.yaml").write_text((photo / "side.yaml").read_text())
-    usual, many, again = (
-        Read(export("side", "tapvid")),
-        *(Read(export(n, "tapvid:600")) for n in ("side", "again")),
-    )
-    assert (len(usual.points), len(many.points), len(again.points)) == (256, 600, 600)
-    assert np.bincount(many.object)[0] == 150
-    np.testing.assert_array_equal(many.object, again.object)
-    assert np.abs(many.points - again.points).max(axis=(1, 2)).min() > 0.01  # of one photo, other places
-
-
 @pytest.mark.parametrize("edits", [(), (CAMERA,), ("render.size=[200, 160]",), ("render.play=backward",)])
 def test_tracks_are_the_motion_of_the_poses(edits: tuple, export) -> None:
     """By another formula: everything about the middle of a body turns with it as a vector."""

@@ -9,8 +9,6 @@ import pytest
 from labelled import ROOT, Labelled, hall, labelled
 from pytest import approx
 
-from physgen import pipeline
-
 CROSSING = (
     "objects.*.motion=static",
     "objects.ball.motion={path: [[0, 49.28, 273.28], [0.2, 400, 390, 90]]}",
@@ -98,36 +96,3 @@ def test_oriented_boxes_are_where_things_were_put(clip: Labelled) -> None:
             assert corners.mean(axis=0) == approx([14 + 82 * t + 0.5, 36 - 5 * t + 0.5], abs=0.51)
         if name == "tile":
             assert corners[2] - corners[0] == approx([24, 18], abs=1.01)
-
-
-@pytest.mark.parametrize(
-    "edits", [("render.scale=2",), ("render.camera=[{time: 0, center: [50, 36], zoom: 1.5}]",)]
-)
-def test_boxes_hold_masks_however_large_they_are_filmed(edits: tuple[str, ...], tmp_path) -> None:
-    clip = labelled(hall(tmp_path), tmp_path / "out", "coco", *edits)
-    checked = 0
-    for row in clip.coco.dataset["annotations"] + clip.coco.dataset["hidden_annotations"]:
-        mask = clip.whole[row["image_id"] - 1, clip.names[row["track_id"] - 1]]
-        corners = np.array(row["oriented_bbox"]).reshape(4, 2)
-        points = np.argwhere(mask)[:, ::-1] + 0.5 - corners[0]
-        for edge in (corners[1] - corners[0], corners[3] - corners[0]):
-            length = np.hypot(*edge)
-            along = points @ edge / length
-            assert along.min() > -1
-            assert along.max() < length + 1
-            if row["truncation"] == 0:
-                assert np.ptp(along) > length - 3
-                checked += 1
-    assert checked > 20
-
-
-def test_torch_tells_the_same_whole_masks(tmp_path) -> None:
-    clip = Labelled(hall(tmp_path), (), Path())
-    drawn = pipeline.render(clip.filming.stage, clip.trajectory, device="cpu")
-    from physgen.render.torch_frames import render_frames_torch
-
-    others = render_frames_torch(clip.filming.stage, clip.trajectory, device="cpu")
-    for mine, other in zip(drawn, others, strict=True):
-        for one, two in zip(mine.covers, other.covers, strict=True):
-            assert (one.body, one.box) == (two.body, two.box)
-            assert (one.mask != two.mask).mean() < 0.01

@@ -80,15 +80,6 @@ def test_nothing_is_lost(kind: str, motion: Trajectory, tmp_path: Path) -> None:
     assert film.calls == 1
 
 
-def test_a_clip_of_no_frames_and_a_run_without_a_store(motion: Trajectory, tmp_path: Path) -> None:
-    store, film = Store(tmp_path), Film([], motion)
-    assert film.agrees(footage(store, "guidance-a", film))
-    assert film.agrees(footage(store, "guidance-a", film))
-    assert film.calls == 1
-    other = Film(pictures("photo"), motion)
-    assert other.agrees(footage(None, "guidance-a", other))
-
-
 def test_a_damaged_one_is_filmed_again(motion: Trajectory, tmp_path: Path) -> None:
     store, film = Store(tmp_path), Film(pictures("photo"), motion)
     footage(store, "guidance-a", film)

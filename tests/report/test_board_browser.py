@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from browser import PHONE, opened
-from contest import FPS, FRAMES, SHADES, contest, write_clip
+from contest import FPS, FRAMES, contest, write_clip
 from exhibits import failure
 
 from physgen.cli.main import main
@@ -100,46 +100,6 @@ def test_keys_play_and_step(browser: Any, board: Path) -> None:
         assert len({int(at * FPS) for at in settled(seen, 7)}) == 1
         seen.page.keyboard.press("End")
         assert seen.page.evaluate(value) == pytest.approx((2 * FRAMES - 1) / FPS)
-
-
-def test_keys_move_clips_after_a_click(browser: Any, board: Path) -> None:
-    """On a head of the table, or on a method: nothing keeps the keys."""
-    value = "() => +document.querySelector('[data-part=seek]').value"
-    with ready(browser, board) as seen:
-        for what in (".standing thead th:nth-child(2) button", ".shown .pick input"):
-            seen.page.locator(what).first.click()
-            seen.page.keyboard.press("Home")
-            seen.page.keyboard.press("ArrowRight")
-            assert seen.page.evaluate(value) == pytest.approx(1 / FPS), what
-            seen.page.keyboard.press(" ")
-            assert seen.page.get_attribute("[data-part=play]", "aria-label") == "Pause all", what
-            seen.page.keyboard.press(" ")
-        seen.page.locator(".standing thead button").first.focus()
-        for _ in range(2):
-            seen.page.keyboard.press(" ")  # by keys alone, it sorts
-        assert seen.page.locator(".standing tbody th").all_inner_texts() == sorted(SHADES, reverse=True)
-
-
-def test_wide_tables_scroll_with_the_names_in_sight(browser: Any, tmp_path: Path) -> None:
-    """As many scores as a study and a FID make: the page stays as wide as its window."""
-    methods = contest(tmp_path / "methods", ("pool",))
-    rows = [{"method": name, **{f"{k}_long_name_fid": 10 + k for k in range(9)}} for name in SHADES]
-    (methods / "fid").mkdir()
-    (methods / "fid" / "result.json").write_text(
-        json.dumps({"measure": "fid", "rows": rows, "comparable": False})
-    )
-    assert main(["evaluate", "leaderboard", str(methods), "-o", str(tmp_path / "board")]) == 0
-    for wide in (1200, PHONE["width"]):
-        with ready(
-            browser, tmp_path / "board" / "index.html", viewport={"width": wide, "height": 900}
-        ) as seen:
-            assert seen.page.evaluate("() => document.documentElement.scrollWidth") == wide
-            region = seen.page.locator(".scroll")
-            region.evaluate("e => { e.scrollLeft = e.scrollWidth; }")
-            assert region.evaluate("e => e.scrollLeft") > 0
-            name = seen.page.locator(".standing tbody th").first
-            left = region.evaluate("e => e.getBoundingClientRect().left")
-            assert name.evaluate("e => e.getBoundingClientRect().left") == pytest.approx(left, abs=2)
 
 
 def test_sorting_the_table_sorts_the_rows(browser: Any, board: Path) -> None:

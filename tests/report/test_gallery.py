@@ -17,7 +17,6 @@ from pytest import approx
 
 from physgen.cli.main import main
 from physgen.export.video import Format
-from physgen.problems import InputError
 from physgen.report.clips import clips_in
 from physgen.report.films import poster
 from physgen.report.gallery import write_gallery
@@ -97,12 +96,6 @@ def test_where_refining_failed_there_is_one_card_with_the_unrefined_film(tmp_pat
     assert clip.film == folder / "unrefined.mp4"
 
 
-def test_what_is_no_folder_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="is no folder") as caught:
-        clips_in([tmp_path / "a", tmp_path, tmp_path / "b"])
-    assert len(caught.value.problems) == 2
-
-
 # ---- in what they differ ---------------------------------------------------------------------------------------------
 
 
@@ -137,17 +130,6 @@ def test_names_of_keys_are_as_short_as_leaves_no_doubt(tmp_path: Path) -> None:
     }
     assert {keys["objects.ball.velocity[0]"].unit, keys["forces[0].impulse[1]"].unit} == {"px/s", "g·px/s"}
     assert not keys["world.view"].numeric
-
-
-def test_a_key_that_splits_the_clips_as_another_does_follows_it(tmp_path: Path) -> None:
-    for k, scale in enumerate((100, 200, 100)):
-        scene = document(world__gravity=[0, 9.8 * scale], world__pixels_per_meter=scale)
-        exhibit(tmp_path / f"{k}", scene, overrides=[f"world.pixels_per_meter={scale}"])
-    keys = swept_keys(clips_in([tmp_path]))
-    assert [(key.path, key.follows) for key in keys] == [
-        ("world.pixels_per_meter", False),
-        ("world.gravity[1]", True),
-    ]
 
 
 # ---- pictures --------------------------------------------------------------------------------------------------------

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -105,13 +104,6 @@ def test_it_opens_from_disk_and_asks_for_its_pictures_alone(browser: Any, mixed:
         asked = [url.removeprefix(own) for url in seen.asked if not url.startswith("data:")]
         assert all(url.startswith(("index.html", "index.files/")) for url in asked), asked
         assert seen.errors == []
-
-
-def test_without_scripts_the_cards_stay(browser: Any, mixed: Path) -> None:
-    with ready(browser, mixed, java_script_enabled=False) as seen:
-        assert seen.page.locator(".clip:visible").count() == 5
-        assert not seen.page.is_visible(".tools")
-        assert not seen.page.is_visible("[data-part=clock]")
 
 
 # ---- what is asked for -----------------------------------------------------------------------------------------------
@@ -276,24 +268,6 @@ def test_a_card_plays_under_the_pointer_and_stops(browser: Any, mixed: Path) -> 
         seen.page.wait_for_selector(".clip video", state="detached")
 
 
-def test_keys_walk_and_play_where_motion_is_not_welcome(browser: Any, mixed: Path) -> None:
-    with ready(browser, mixed) as seen:
-        page = seen.page
-        page.wait_for_selector("html[data-ready]")
-        name = "() => document.activeElement.textContent"
-        page.locator(".open", has_text="café").focus()
-        for key, there in (("ArrowRight", "pool"), ("End", "shelf"), ("ArrowLeft", "pool-heavy")):
-            page.keyboard.press(key)
-            assert page.evaluate(name) == there
-        assert page.locator("video").count() == 0
-        page.keyboard.press(" ")
-        page.wait_for_selector(".clip video")
-        page.keyboard.press(" ")
-        page.wait_for_selector(".clip video", state="detached")
-        page.keyboard.press("Enter")
-        page.wait_for_url("**/report.html")
-
-
 # ---- whoever reads it, whatever is in it -----------------------------------------------------------------------------
 
 
@@ -342,22 +316,3 @@ def test_axe_finds_nothing_serious(
             if v["impact"] in ("serious", "critical")
         ]
         assert serious == []
-
-
-def test_a_thousand_cards_are_there_and_can_be_searched(browser: Any, tmp_path: Path) -> None:
-    first = exhibit(tmp_path / "clip-0")
-    manifest = json.loads((first / "manifest.json").read_text())
-    for k in range(1, 1000):
-        (tmp_path / f"clip-{k}").mkdir()
-        scene = document(objects__ball__mass=k)
-        told = {**manifest, "scene": f"clip-{k}", "files": {"report.html": ""}, "document": scene}
-        (tmp_path / f"clip-{k}" / "manifest.json").write_text(json.dumps(told))
-    write_gallery([tmp_path], tmp_path / "index.html")
-    with ready(browser, tmp_path / "index.html") as seen:
-        assert len(shown(seen)) == 1000
-        seen.page.fill("[data-part=search]", "clip-77")
-        assert shown(seen) == ["clip-77", *(f"clip-77{k}" for k in range(10))]
-        seen.page.select_option("[data-part=sort]", "objects.ball.mass")
-        seen.page.click("[data-part=desc]")
-        assert shown(seen)[0] == "clip-779"
-        assert seen.errors == []

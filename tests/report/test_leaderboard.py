@@ -15,7 +15,6 @@ from exhibits import failure
 from physgen.cli.main import main
 from physgen.evaluate.leaderboard import scores_of
 from physgen.evaluate.methods import methods_in
-from physgen.problems import InputError
 
 
 @pytest.fixture(scope="module")
@@ -65,18 +64,6 @@ def test_every_scene_of_every_method_is_there_failed_or_missing(
     assert json.loads((board / "result.json").read_text())["rows"] == list(rows.values())
 
 
-def test_one_methods_own_folder_is_no_contest(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """What `render -o METHODS/ours` leaves holds clips, and no methods."""
-    for scene in ("curling", "dominoes"):
-        clip = home.parent / "alone" / scene
-        clip.mkdir(parents=True)
-        (clip / "manifest.json").write_text("{}")
-        write_clip(clip / "video.mp4", "ours")
-    for measure in ("study", "leaderboard"):
-        assert main(["evaluate", measure, str(home.parent / "alone")]) == 2
-        assert "is a clip, and no method" in capsys.readouterr().err
-
-
 def test_scores_come_from_where_they_lie(home: Path) -> None:
     """A whole method's, a clip's beside it, rows by scene, and rows by method above all."""
     result(
@@ -113,19 +100,6 @@ def test_scores_come_from_where_they_lie(home: Path) -> None:
     assert found["energy: error"].best(("drift", "melt", "ours")) == {"ours"}
     assert found["study: physical"].of("ours") == 4.14
     assert found["study: physical"].of("drift") is None
-
-
-def test_scores_from_elsewhere_must_be_some(home: Path, tmp_path: Path) -> None:
-    other = result(tmp_path / "fid", "fid", [{"method": "ours", "fid": 3.0}], comparable=False)
-    for path in (other, other.parent):
-        assert [s.name for s in scores_of(methods_in(home), [path])] == ["fid: fid (not comparable)"]
-    result(tmp_path / "none", "fid", [{"method": "theirs", "fid": 3.0}])
-    for path, said in (
-        (tmp_path, "is no result of a measure"),
-        (tmp_path / "none", "has no number of any of these"),
-    ):
-        with pytest.raises(InputError, match=said):
-            scores_of(methods_in(home), [path])
 
 
 def test_what_browsers_do_not_play_is_made_into_what_they_do(

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import re
-import shutil
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from browser import LANDS, G, V, ball, fallen, middle, opened, report
+from browser import G, V, fallen, opened, report
 from pytest import approx
 
 from physgen import pipeline
@@ -63,37 +61,6 @@ def test_charts_tell_what_nature_does(browser: Any, pages: Path) -> None:
         assert number(readout(seen, 2)["to the right"]) == approx(50 * V / (1000 * 200) * 1000, rel=6e-3)
 
 
-def test_hovering_reads_and_a_click_seeks(browser: Any, pages: Path) -> None:
-    with opened(browser, report(pages, "fall")) as seen:
-        plot = seen.page.locator(".chart .plot").nth(3)
-        plot.scroll_into_view_if_needed()
-        box = plot.bounding_box()
-        x = box["x"] + 56 + (box["width"] - 66) * 0.4
-        seen.page.mouse.move(x, box["y"] + 40)
-        told = seen.page.text_content("[data-part=when]")
-        hovered = float(re.search(r"[\d.]+", told)[0])
-        assert told.startswith("hovering")
-        assert hovered == approx(0.4 * 44 / 30, abs=0.01)
-        assert number(readout(seen, 3)["ball"]) == approx(np.hypot(V, G * hovered) / 200, rel=0.01)
-        assert seen.time == 0
-        seen.page.mouse.click(x, box["y"] + 40)
-        assert seen.time == approx(hovered, abs=2e-3)
-        seen.page.mouse.move(5, 5)
-        assert seen.page.text_content("[data-part=when]").startswith("at ")
-
-
-def test_the_table_of_contacts_seeks(browser: Any, pages: Path) -> None:
-    with opened(browser, report(pages, "fall")) as seen:
-        seen.page.click("summary:has-text('Contacts')")
-        row = (
-            seen.page.locator("tr", has=seen.page.locator("bdi", has_text="ball"))
-            .filter(has_text="floor")
-            .first
-        )
-        row.locator("button").click()
-        assert seen.time == approx(LANDS, abs=2e-3)
-
-
 # ---- whoever reads it, whatever is in it -----------------------------------------------------------------------------
 
 
@@ -117,17 +84,6 @@ def test_a_failed_scene_has_a_page(browser: Any, tmp_path: Path) -> None:
         assert seen.page.evaluate("() => document.querySelector(':target').className") == "wrong"
         assert seen.errors == []
         assert [u for u in seen.asked if not u.startswith(("file:", "data:"))] == []
-
-
-def test_without_its_video_the_page_still_plays(browser: Any, pages: Path, tmp_path: Path) -> None:
-    """As it comes by mail: the file alone."""
-    shutil.copy(report(pages, "fall"), tmp_path / "report.html")
-    with opened(browser, tmp_path / "report.html") as seen:
-        seen.page.wait_for_selector("[data-part=missing]:visible")
-        colour, start = ball(seen)
-        shown = seen.seek(0.5)
-        assert start + middle(seen.pixels(), colour, (320, 400)) == approx(fallen(shown), abs=0.2)
-        assert [error for error in seen.errors if "ERR_FILE_NOT_FOUND" not in error] == []
 
 
 def test_without_scripts_the_picture_the_video_and_the_tables_stay(browser: Any, pages: Path) -> None:

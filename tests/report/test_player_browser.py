@@ -134,19 +134,6 @@ def test_keys(browser: Any, pages: Path) -> None:
         assert seen.time == approx(frame, abs=2e-6), "on the slider an arrow is a frame"
 
 
-def test_all_can_be_reached_by_tab(browser: Any, pages: Path) -> None:
-    with opened(browser, report(pages, "fall")) as seen:
-        reached = set()
-        for _ in range(80):
-            seen.page.keyboard.press("Tab")
-            reached.add(
-                seen.page.evaluate(
-                    "() => { const e = document.activeElement; return e.dataset.part || e.dataset.layer || ''; }"
-                )
-            )
-        assert {"first", "back", "play", "next", "last", "seek", "rate", "loop", "outlines", "all"} <= reached
-
-
 @pytest.mark.parametrize(
     "layer", ["outlines", "pieces", "boundaries", "velocities", "forces", "contacts", "trails", "ids"]
 )

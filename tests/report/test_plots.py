@@ -16,7 +16,7 @@ from PIL import Image
 
 from physgen import pipeline
 from physgen.cli.main import main
-from physgen.report.plots.style import ENERGY, IMPULSE, PALETTE, unit
+from physgen.report.plots.style import ENERGY, IMPULSE, unit
 
 SVG = "{http://www.w3.org/2000/svg}"
 SPEED, RISE, GRAVITY = 150.0, -180.0, 400.0
@@ -135,37 +135,6 @@ def test_bars_of_contacts_begin_when_things_touch(tmp_path: Path) -> None:
     bounce = 2 * np.sqrt(0.5) * np.sqrt(2 * 50 * 800) / 800  # elasticities: geometric mean
     assert abs(seconds[0] - first) < 0.004
     assert abs(seconds[1] - first - bounce) < 0.008
-
-
-def crowd(count: int) -> str:
-    """Balls that fall side by side onto a floor, each from higher than the one before; the first lies on it."""
-    rows = "".join(
-        f"  b{k}: {{shape: {{circle: {{center: [{20 + 24 * k}, {92 - 3 * k}], radius: 8}}}}, velocity: [{k}, 0]}}\n"
-        for k in range(count)
-    )
-    text = DROP.replace("160", "800").replace("300", "900")
-    return (
-        text[: text.index("objects:")]
-        + f"objects:\n{rows}"
-        + text[text.index("boundaries:") : text.index("forces:")]
-    )
-
-
-def test_of_many_paths_those_that_go_farthest_have_colours(tmp_path: Path) -> None:
-    """Each ball falls farther than the one before it, and bounces as far up."""
-    root = drawn("trajectory", scene(tmp_path, crowd(12)), tmp_path / "paths.svg")
-    colours = [
-        re.search(
-            "stroke: (#[0-9a-f]+)", named(root, f"path-b{k}").findall(f".//{SVG}path")[-1].get("style")
-        )[1]
-        for k in range(1, 12)
-    ]
-    assert colours[:4] == [PALETTE.soft] * 4
-    assert sorted(colours[4:]) == sorted(PALETTE.lines)
-    root = drawn("trajectory", scene(tmp_path, crowd(12)), tmp_path / "few.svg", "--objects", "b1,b2")
-    assert not [e for e in root.iter(f"{SVG}g") if e.get("id") in ("path-b3", "path-b0")]
-    few = drawn("trajectory", scene(tmp_path, crowd(9)), tmp_path / "eight.svg")
-    assert PALETTE.soft not in named(few, "path-b1").findall(f".//{SVG}path")[-1].get("style")
 
 
 def test_frames_of_a_strip_are_those_of_the_video_pixel_for_pixel(tmp_path: Path) -> None:

@@ -69,20 +69,6 @@ def test_known_changes_give_known_figures() -> None:
     assert found["flicker"] is None
 
 
-def test_half_a_pixel_counts_half() -> None:
-    coverage = 0.25 * square()  # nowhere half: nothing is near it
-    refined = grey(100)
-    refined[coverage > 0] = 140
-    changes = RefinementChanges(1, 10.0)
-    changes.add(grey(100), refined, coverage)
-    found = changes.figures()
-    assert (found["objects"], found["near"]) == (40, None)
-    assert found["elsewhere"] == approx(0.75 * 400 * 40 / (W * H - 100), abs=1e-4)
-    nothing = RefinementChanges(1, 10.0)
-    nothing.add(grey(100), refined, np.zeros((H, W), np.float32))
-    assert nothing.figures()["objects"] is None
-
-
 def test_jumps_are_those_of_neighbours() -> None:
     changes = RefinementChanges(4, 8.0)
     for before, after in ((100, 100), (104, 104), (105, 113), (105, 112)):
@@ -124,15 +110,3 @@ def test_few_odd_pixels_do_not_pale_the_rest() -> None:
     assert levels(refined) == 5
     refined[20:60, 20:60] = 0
     assert levels(refined) == 100
-
-
-def test_where_nothing_changed_there_is_no_colour() -> None:
-    changes = RefinementChanges(3, 10.0)
-    for code in (10, 100, 250):
-        changes.add(grey(code), grey(code), np.zeros((H, W), np.float32))
-    page = changes.picture()
-    for code, (guidance, refined, change) in zip((10, 100, 250), panels(page, 3), strict=True):
-        assert (guidance == code).all()
-        assert (refined == code).all()
-        assert (change == change[0, 0, 0]).all()
-    assert changes.figures()["all"] == 0

@@ -68,9 +68,9 @@ def home(bundled: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     exhibit(clips / "warned", warnings=[{"text": "an object that nothing supports"}])
     told = 'pair.yaml:3:1: objects.ball.mass: "heavy" is not a number; write grams, e.g. 170'
     failure(clips, "pair", told)
-    write_gallery([clips], home / "gallery.html", title="Five clips", single=True)
+    write_gallery([clips], home / "gallery.html", title="Five clips")
     sweep(home / "runs", [50, 100, 200], [0.1, 0.9], broken=4)
-    write_gallery([home / "runs"], home / "sweep.html", title="A sweep", single=True)
+    write_gallery([home / "runs"], home / "sweep.html", title="A sweep")
     (home / "failed.html").write_text(_failed(home), encoding="utf-8")
     return home
 

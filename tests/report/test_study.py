@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import json
 import re
 import shutil
 from pathlib import Path
@@ -97,33 +96,6 @@ def test_the_same_folder_makes_the_same_study_and_another_seed_another(home: Pat
     assert again.key == key
     assert other.key.study != key.study
     assert list(other.key.clips.values()) != list(key.clips.values())
-
-
-def test_a_key_that_is_there_is_never_lost(
-    home: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    page = tmp_path / "study.html"
-    for seed in ("0", "0", "1"):
-        assert main(["evaluate", "study", str(home), "-o", str(page), "--seed", seed]) == 0
-    kept = read_key(tmp_path / "study.key.json~")
-    assert kept.seed == 0
-    assert kept.study in (tmp_path / "study.html~").read_text()
-    assert "kept as study.key.json~" in capsys.readouterr().err
-
-
-def test_scenes_that_not_all_have_made_are_left_out(
-    home: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    shutil.copytree(home, tmp_path / "m")
-    (tmp_path / "m" / "melt" / "shelf.mp4").unlink()
-    asked = ["evaluate", "study", str(tmp_path / "m"), "-o", str(tmp_path / "s.html"), "--json"]
-    assert main(asked) == 0
-    told = capsys.readouterr()
-    assert json.loads(told.out)["scenes"] == ["pool"]
-    assert "left out, since not every method has made them: shelf" in told.err
-    (tmp_path / "m" / "ours" / "pool" / "video.mp4").unlink()
-    assert main(asked) == 2
-    assert "drift, melt, ours have no scene in common" in capsys.readouterr().err
 
 
 def test_clips_of_many_kinds_are_read(home: Path, tmp_path: Path) -> None:

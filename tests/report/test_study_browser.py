@@ -111,21 +111,6 @@ def test_from_the_page_to_the_result(
     ]
 
 
-def test_orders_differ_between_raters_and_stay_with_one(browser: Any, page: Path, key: Key) -> None:
-    orders = []
-    for rater in ("Ada", "Bo", "ada "):
-        with opened(browser, page, ready=False) as seen:
-            begin(seen, rater)
-            orders.append(
-                seen.page.evaluate(
-                    "name => JSON.parse(localStorage.getItem(name)).raters", f"physgen-study-{key.study}"
-                )
-            )
-    first, second, again = (next(iter(raters.values()))["order"] for raters in orders)
-    assert first == again != second
-    assert sorted(first) == sorted(second) == sorted(key.clips)
-
-
 def test_half_an_answer_goes_not_on_and_a_skipped_clip_is_missing(
     browser: Any, page: Path, key: Key, tmp_path: Path
 ) -> None:
@@ -156,20 +141,6 @@ def test_half_an_answer_goes_not_on_and_a_skipped_clip_is_missing(
     scores = read_answers([path], key).scores
     assert sorted(scores["physical"][scores["physical"] > 0].tolist()) == [2]
     assert sorted(scores["photo"][scores["photo"] > 0].tolist()) == [5]
-
-
-def test_a_second_rater_on_the_same_device(browser: Any, page: Path) -> None:
-    with opened(browser, page, ready=False) as seen:
-        begin(seen, "Ada")
-        seen.page.keyboard.press("5")
-        seen.page.click("[data-part=stop]")
-        seen.page.click("[data-part=other]")
-        begin(seen, "Bo")
-        assert seen.page.locator("input:checked").count() == 0
-        seen.page.click("[data-part=stop]")
-        seen.page.click("[data-part=other]")
-        begin(seen, "ADA")
-        assert seen.page.is_checked("[name=physical][value='5']")
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
