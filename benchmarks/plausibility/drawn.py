@@ -19,7 +19,7 @@ BITS = 4
 def from_drawn(tracks: Tracks) -> Tracks:
     """What is known from ids alone: no angles, no outlines but discs, nothing of what is hidden."""
     seen = from_maps(tracks.name, _maps(tracks), 1 / tracks.step, tracks.view)
-    return replace(seen, times=tracks.times, given=tracks.given, flat=tracks.flat)
+    return replace(seen, times=tracks.times, held=tracks.held, flat=tracks.flat)
 
 
 def _maps(tracks: Tracks) -> Iterator[Ids]:

@@ -6,19 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from physgen.evaluate.plausibility.tracks import Known, Tracks
+from physgen.evaluate.plausibility.tracks import Tracks
 
 Rng = np.random.Generator
 
 
 def stranger(tracks: Tracks) -> Tracks:
     """As anybody's: no walls, pushes or joints are known; masses neither."""
-    return replace(tracks, given=Known(), masses=None)
+    return replace(tracks, held=frozenset(), masses=None)
 
 
 def weighed(tracks: Tracks) -> Tracks:
     """The same with its masses."""
-    return replace(tracks, given=Known())
+    return replace(tracks, held=frozenset())
 
 
 def shaken(tracks: Tracks, sigma: float, rng: Rng) -> Tracks:

@@ -83,7 +83,9 @@ def page(rows: list[dict], machine: str) -> str:
     head = HEAD.format(**{name: f"{question.middle:g}" for name, question in QUESTIONS.items()})
     told = markdown(_scenes([row for row in rows if "scene" in row])).partition("\n")[2].strip()
     studio = _studio([row for row in rows if "studio" in row])
-    return f"{head}## Right and wrong clips\n\n{body}\n\n{told}\n\n{studio}\n\nMeasured on {machine}.{EARLIER}\n"
+    return (
+        f"{head}## Right and wrong clips\n\n{body}\n\n{told}\n\n{studio}\n\nMeasured on {machine}.{EARLIER}\n"
+    )
 
 
 def _studio(rows: list[dict]) -> str:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from physgen.evaluate.plausibility.judge import Verdict, judge
-from physgen.evaluate.plausibility.tracks import Known, Outline, Tracks
+from physgen.evaluate.plausibility.tracks import Outline, Tracks
 from physgen.problems import InputError
 from physgen.scene.scene import View
 
@@ -145,7 +145,7 @@ def test_nothing_starts_by_itself_but_what_is_hit_pushed_or_let_go() -> None:
     starts[0] -= (150, 0)  # no one near
     alone = judge(clip(starts, View.TOP))
     assert alone.faults()[0][0] == "starts"
-    pushed = judge(clip(starts, View.TOP, given=Known(pushed=((1, 0.6, 0.7),))))
+    pushed = judge(clip(starts, View.TOP, held=frozenset({1})))
     assert pushed.wrong is False
     hit = judge(
         clip(two(np.array([220.0, 0.0]), still, np.array([20.0, 0.0]), np.array([200.0, 0.0])), View.TOP)

@@ -86,7 +86,7 @@ class Evidence:
 
 
 def gravity(motion: Motion) -> list[Evidence]:
-    """Each flight's acceleration against the median of all, and against itself over its time."""
+    """Each flight's acceleration against the median of all."""
     pulled, found = motion.gravity, []
     if pulled is None:
         return []
@@ -97,14 +97,10 @@ def gravity(motion: Motion) -> list[Evidence]:
             continue
         sure = TUNING.sure * np.sqrt(2) * _few(flight)
         apart = float(np.hypot(*(flight.terms[2] - pulled))) - sure * flight.error(flight.middle, 2)
-        bent = flight.bend - sure * flight.bend_error
         way = "is pulled upwards" if flight.terms[2, 1] < 0 else "falls"
-        text = (
-            f"{motion.tracks.names[k]}: {way} at {own:.0f} px/s², changing by {flight.bend / size:.0%}, over frames "
-            f"{flight.first} to {flight.last}; flights fall at {size:.0f} px/s²"
-        )
-        wrong = max(apart, bent) > 0 and not _kinked(motion, k, flight, pulled)
-        deviation = max(apart, bent) / size if wrong else 0.0
+        frames = f"frames {flight.first} to {flight.last}"
+        text = f"{motion.tracks.names[k]}: {way} at {own:.0f} px/s² over {frames}, all flights at {size:.0f}"
+        deviation = apart / size if apart > 0 and not _kinked(motion, k, flight, pulled) else 0.0
         found.append(Evidence(deviation, (flight.first + flight.last) // 2, (k,), text))
     return found
 
@@ -220,7 +216,7 @@ def overlap(motion: Motion) -> list[Evidence]:
         for other in range(one + 1, len(tracks.names)):
             a, b = tracks.forms[one], tracks.forms[other]
             least, most = motion.gap(one, other)
-            if (one, other) in tracks.given.joined or min(a.thin, b.thin) <= 0 or not np.isfinite(most).any():
+            if {one, other} <= tracks.held or min(a.thin, b.thin) <= 0 or not np.isfinite(most).any():
                 continue
             depth, frame = float(-np.nanmin(most)), int(np.nanargmin(most))
             if a.core > 0 and b.core > 0:  # between frames, and behind each other
@@ -316,8 +312,6 @@ def _beyond(steps: Array, k: int) -> float:
 def _shoved(motion: Motion, body: int, frame: int, usual: float) -> float:
     """px by which something near, or a push, may have sped it up for less than a frame."""
     tracks = motion.tracks
-    if motion.was_pushed(body, tracks.times[frame], tracks.times[frame + 1]):
-        return np.inf
     fastest = 0.0
     for other in range(len(tracks.names)):
         if other == body:
@@ -379,8 +373,6 @@ def _start(motion: Motion, body: int, begin: int, end: int, last: int) -> Eviden
     least = max(2 * still, 2.0) + creep * (stop - 1 - (begin + end - 1) / 2)
     if gone < least:
         return None
-    if motion.was_pushed(body, tracks.times[end - 3], tracks.times[end]):
-        return Evidence(0.0, end, (body,), f"{name}: is pushed")
     # what starts slowly takes long to come out of the noise: what set it moving was there before
     slow = int(np.ceil(still / max(gone / (stop - end), 1e-9)))
     mover = _mover(motion, body, end - min(slow, TUNING.latest), end)
@@ -418,11 +410,11 @@ def speeding(motion: Motion) -> list[Evidence]:
         if tracks.view is View.SIDE or not motion.free(k) or not motion.moves(k):
             continue
         near = 0.5 + 3 * motion.sigma[k]
-        for segment in (s for s in motion.segments[k] if s.count >= 6 and motion.alone(k, s, near, near)):
+        for segment in (s for s in motion.segments[k] if s.count >= 6 and motion.alone(k, s, near)):
             first, last = tracks.times[segment.first], tracks.times[segment.last]
             begin, end = (float(np.hypot(*segment.at(time, 1))) for time in (first, last))
             far = max(begin, end) * (last - first) >= max(2.0, 8 * float(motion.sigma[k]))
-            if not far or motion.was_pushed(k, first, last):
+            if not far:
                 continue
             error = segment.error(last, 2) * (last - first) * _few(segment)
             returned = TUNING.follow * max(0.0, _came_at(motion, k, segment) - begin)

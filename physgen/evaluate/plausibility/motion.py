@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import pairwise
-from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +17,6 @@ from physgen.scene.scene import View
 class Tuning:
     """Chosen on the calibration in benchmarks/plausibility."""
 
-    orders: tuple[int, int] = (3, 5)
-    """Of differences that give the noise: third ones see few impacts; fifth ones see no swinging either."""
-    clearly: float = 0.6
-    """The fifth are taken where they give so much less."""
-    to_sigma: float = 1.4826
-    """Median of |x| -> standard deviation, of a normal distribution."""
     price: float = 30.0
     """Of a segment, in squared noise: six numbers are fitted, and its border is chosen among many."""
     longest: int = 90
@@ -44,8 +37,6 @@ class Tuning:
     """Frames within which they may have been one, where they are not known well."""
     missed: float = 0.12
     """Of what the change of velocity makes in a frame: by so much paths may miss each other."""
-    resting: float = 0.3
-    """Of the speed after an impact: what came slower was probably hit by something."""
     flight: int = 6
     """Frames of a flight, at least."""
     shortest: float = 0.18
@@ -85,21 +76,15 @@ def noise(tracks: Tracks) -> Array:
 
 
 def _noise(tracks: Tracks, body: int) -> float:
-    """px; NaN where nothing is known."""
-    found = []
-    for order in TUNING.orders:
-        parts = [np.empty((0, 2))]
-        for first, last in runs(tracks.seen[:, body]):
-            path = tracks.places[first:last, body]
-            if len(path) > order:
-                moved = np.hypot(*(path[order:] - path[:-order]).T) > 2 * tracks.floor
-                parts.append(np.abs(np.diff(path, order, axis=0))[moved])
-        values = np.concatenate(parts)
-        spread = np.sqrt(sum(comb(order, k) ** 2 for k in range(order + 1)))
-        known = len(values) > TUNING.fewest
-        found.append(TUNING.to_sigma * float(np.median(values)) / spread if known else np.nan)
-    third, fifth = found
-    return fifth if fifth < TUNING.clearly * third else third
+    """px, from third differences; NaN where nothing is known."""
+    parts = [np.empty((0, 2))]
+    for first, last in runs(tracks.seen[:, body]):
+        path = tracks.places[first:last, body]
+        moved = np.hypot(*(path[3:] - path[:-3]).T) > 2 * tracks.floor
+        parts.append(np.abs(np.diff(path, 3, axis=0))[moved])
+    values = np.concatenate(parts)
+    to_sigma = 1.4826 / np.sqrt(20)  # median -> standard deviation, of a normal distribution; 1 + 9 + 9 + 1
+    return to_sigma * float(np.median(values)) if len(values) > TUNING.fewest else np.nan
 
 
 # ---- segments ----------------------------------------------------------------------------------------------------
@@ -118,9 +103,6 @@ class Segment:
     """(3, 2): place px, velocity px/s, acceleration px/s², at the middle."""
     spread: Array
     """(3, 3): covariance of the terms, along each axis; infinite where frames are too few."""
-    bend: float = 0.0
-    """px/s² by which a cubic's acceleration changes over half of it."""
-    bend_error: float = np.inf
     residual: float = 0.0
     """Root mean square of what is left, over the noise; 0 where nothing can be."""
 
@@ -193,23 +175,15 @@ def _basis(length: int) -> Array:
 
 def _fitted(path: Array, times: Array, first: int, sigma: float) -> Segment:
     n, middle = len(path), float(times.mean())
-    s = times - middle
-    columns = np.stack([np.ones(n), s, s * s / 2, s**3 / 6], axis=1)
-    order = min(n, 3)
-    inverse = np.linalg.pinv(columns[:, :order])
-    terms, spread = np.zeros((3, 2)), np.full((3, 3), np.inf)
+    s, order = times - middle, min(n, 3)
+    columns = np.stack([np.ones(n), s, s * s / 2], axis=1)[:, :order]
+    inverse = np.linalg.pinv(columns)
+    terms, spread, residual = np.zeros((3, 2)), np.full((3, 3), np.inf), 0.0
     terms[:order] = inverse @ path
-    if n < TUNING.fewest:
-        return Segment(first, first + n - 1, middle, terms, spread)
-    left = path - columns[:, :3] @ terms
-    residual = float(np.sqrt((left**2).sum() / (2 * (n - 3)))) / sigma
-    spread = inverse @ inverse.T * (sigma * max(1.0, residual)) ** 2
-    if n == TUNING.fewest:
-        return Segment(first, first + n - 1, middle, terms, spread, residual=residual)
-    cubic = np.linalg.pinv(columns)[3]
-    half = float(times[-1] - times[0]) / 2
-    bend, error = float(np.hypot(*(cubic @ path))) * half, float(np.sqrt(cubic @ cubic)) * sigma * half
-    return Segment(first, first + n - 1, middle, terms, spread, bend, error, residual)
+    if n >= TUNING.fewest:
+        residual = float(np.sqrt(((path - columns @ terms) ** 2).sum() / (2 * (n - 3)))) / sigma
+        spread = inverse @ inverse.T * (sigma * max(1.0, residual)) ** 2
+    return Segment(first, first + n - 1, middle, terms, spread, residual)
 
 
 @dataclass(frozen=True, eq=False)
@@ -368,26 +342,19 @@ class Motion:
         a, error = segment.terms[2], segment.error(first, 2)
         size = float(np.hypot(*a))
         enough = size >= 5 * error and size * (last - first) ** 2 / 8 >= max(5 * self.sigma[body], 1.5)
-        if not enough or segment.residual > 2.5 or segment.bend > 0.35 * size + 2.5 * segment.bend_error:
+        if not enough or segment.residual > 2.5:
             return False
         vx, vy = segment.at(segment.middle, 1)
         speed = float(np.hypot(vx, vy))
         plumb = abs(a[0]) < TUNING.plumb * size + 2 * error
         curved = speed > 0 and abs(a[0] * vy - a[1] * vx) / speed > max(4 * error, 0.25 * size)
-        if not (plumb or curved) or self.was_pushed(body, first, last):
-            return False
-        return self.alone(body, segment, 1.0, 0.5)
+        return (plumb or curved) and self.alone(body, segment, 1.0)
 
-    def alone(self, body: int, segment: Segment, bodies: float, walls: float) -> bool:
-        """Whether bodies and known walls are farther away, px, in all but its first and last frame."""
-        inner = slice(segment.first + 1, segment.last)
-        gaps = [
-            self.gap(body, k)[0][inner]
-            for k, form in enumerate(self.tracks.forms)
-            if k != body and form.reach
-        ]
-        near = min((np.nanmin(gap, initial=np.inf) for gap in gaps), default=np.inf)
-        return bool(near > bodies and np.nanmin(self.walls[inner, body], initial=np.inf) > walls)
+    def alone(self, body: int, segment: Segment, margin: float) -> bool:
+        """Whether other bodies are farther away, px, in all but its first and last frame."""
+        inner, forms = slice(segment.first + 1, segment.last), self.tracks.forms
+        gaps = [self.gap(body, k)[0][inner] for k in range(len(forms)) if k != body and forms[k].reach > 0]
+        return all(np.nanmin(gap, initial=np.inf) > margin for gap in gaps)
 
     @cached_property
     def impacts(self) -> list[Impact]:
@@ -401,16 +368,8 @@ class Motion:
         return bool(np.quantile(away, 0.95) > max(2.0, 6 * self.sigma[body]))
 
     def free(self, body: int) -> bool:
-        """Whether nothing but gravity, contacts and known pushes acts on it."""
-        return body not in self.tracks.given.held
-
-    def was_pushed(self, body: int, start: float, end: float) -> bool:
-        """Whether it is known that it was, between two moments."""
-        step = self.tracks.step
-        return any(
-            who == body and start <= last + step and first - step <= end
-            for who, first, last in self.tracks.given.pushed
-        )
+        """Whether nothing but gravity and contacts acts on it."""
+        return body not in self.tracks.held
 
     def shake(self, one: int, other: int) -> float:
         """px of noise of the distance of two bodies."""
@@ -458,17 +417,6 @@ class Motion:
             found.append([np.einsum("tij,kj->tki", turns, piece) + place for piece in pieces])
         return found
 
-    @cached_property
-    def walls(self) -> Array:
-        """(T, N) px to the nearest known wall, at least; infinite where none is known."""
-        least = np.full(self.tracks.seen.shape, np.inf)
-        for chain in self.tracks.given.walls:
-            for wall in (np.stack(ends) for ends in pairwise(chain)):
-                for k, shapes in enumerate(self._shapes):
-                    for piece in shapes:
-                        least[:, k] = np.fmin(least[:, k], _separation(piece, wall[None]))
-        return least
-
     def near(self, body: int, first: int, last: int) -> list[int]:
         """Bodies that may have touched it between two frames, however fast they were."""
         lo, hi = max(first, 0), min(last, len(self.tracks.times) - 1)
@@ -483,10 +431,8 @@ class Motion:
     def margin(self, one: int, other: int, first: int, last: int) -> float:
         """px that two bodies may still be apart in every frame and yet touch in between."""
         rate = np.abs(np.diff(self.gap(one, other)[0][max(first - 1, 0) : last + 2]))
-        way = (self.steps[:, one] - self.steps[:, other])[max(first - 1, 0) : last + 1]
-        # what hits half-way between two frames is half a step away in both; after another impact, by a step unseen
-        fastest = max(0.65 * np.nanmax(rate, initial=0.0), 0.3 * np.nanmax(np.hypot(*way.T), initial=0.0))
-        return 1.5 + float(fastest) + 3 * self.shake(one, other)
+        # what hits half-way between two frames is half a step away in both
+        return 1.5 + 0.65 * float(np.nanmax(rate, initial=0.0)) + 3 * self.shake(one, other)
 
 
 def _separation(a: Array, b: Array) -> Array:
@@ -528,8 +474,6 @@ def _impacts(motion: Motion) -> list[Impact]:
     found: list[Impact] = []
     step = motion.tracks.step
     for turn in (turn for turns in motion.turns for turn in turns if turn.sudden and motion.free(turn.body)):
-        if motion.was_pushed(turn.body, turn.time - step, turn.time + step):
-            continue
         impact = _impact(motion, turn)
         if impact is None or not _single(impact, step):
             continue
@@ -559,11 +503,12 @@ def _impact(motion: Motion, turn: Turn) -> Impact | None:
     others = []
     for body in motion.near(turn.body, first, last):
         other = _partner(motion, body, turn)
-        met = None if other is None else _met(motion, turn, other)
-        if met is None or (not met and motion.turns_near(body, turn.time, TUNING.late)):
+        if other is None:
             return None
-        if met and other is not None:
+        if _met(motion, turn, other):
             others.append(other)
+        elif motion.turns_near(body, turn.time, TUNING.late):
+            return None
     if not others:
         return Impact(first, (turn,))
     if len(others) > 1 or not motion.free(others[0].body):
@@ -590,18 +535,8 @@ def _partner(motion: Motion, body: int, turn: Turn) -> Turn | None:
     return None
 
 
-def _met(motion: Motion, one: Turn, other: Turn) -> bool | None:
-    """Whether they touched at the impact; None where that is not known."""
-    a, b = motion.tracks.forms[one.body], motion.tracks.forms[other.body]
-    close = 1.0 + 3 * motion.shake(one.body, other.body) + 0.05 * (a.reach + b.reach)
-    apart = one.place - other.place
-    size = float(np.hypot(*apart))
-    gap = size - a.reach - b.reach
-    if gap > close:
-        changes = float(np.hypot(*one.change) + np.hypot(*other.change))
-        slack = TUNING.missed / 2 * changes * motion.tracks.step
-        slack += 3 * max(part.before.error(part.time) for part in (one, other))
-        hit = np.hypot(*one.arrives) <= TUNING.resting * np.hypot(*one.leaves)
-        sure = other.after.first - other.before.last <= 1 and not hit
-        return False if sure and gap > close + slack else None
-    return True
+def _met(motion: Motion, one: Turn, other: Turn) -> bool:
+    """Whether they were near enough at the impact to touch."""
+    reach = motion.tracks.forms[one.body].reach + motion.tracks.forms[other.body].reach
+    close = 1.0 + 3 * motion.shake(one.body, other.body) + 0.05 * reach
+    return bool(np.hypot(*(one.place - other.place)) - reach <= close)

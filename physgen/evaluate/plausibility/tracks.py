@@ -5,8 +5,8 @@ physgen, CSV tables, folders of masks.
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from math import hypot, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -85,20 +85,6 @@ class Outline:
 
 
 @dataclass(frozen=True)
-class Known:
-    """What acts from outside, as far as it is known. Indices of bodies."""
-
-    held: frozenset[int] = frozenset()
-    """By a hand, joints, wind or a script, or struck with spin: only jumps and overlap are asked of them."""
-    pushed: tuple[tuple[int, float, float], ...] = ()
-    """Body, from when, until when, s."""
-    joined: frozenset[tuple[int, int]] = frozenset()
-    """Pairs that may lie over each other."""
-    walls: tuple[Array, ...] = ()
-    """Chains (K, 2) px of what is fixed."""
-
-
-@dataclass(frozen=True)
 class Tracks:
     """Of N bodies in T frames."""
 
@@ -118,7 +104,8 @@ class Tracks:
     """What was read, in words."""
     masses: Array | None = None
     """(N,) in any unit; None: not known."""
-    given: Known = field(default_factory=Known)
+    held: frozenset[int] = frozenset()
+    """Moved by a hand, joints, wind, a script or pushes, or struck with spin: only jumps and overlap are asked."""
     flat: bool = False
     """Whether gravity is known to be none, as in a scene that says so."""
 
@@ -132,19 +119,12 @@ class Tracks:
         """(T, N)."""
         return np.asarray(np.isfinite(self.places).all(axis=2))
 
-    def holding(self, names: Iterable[str]) -> Tracks:
+    def holding(self, names: Sequence[str]) -> Tracks:
         """With these bodies held. Raises InputError for names that are not there."""
-        known = {name: k for k, name in enumerate(self.names)}
-        fix = f"it has {', '.join(self.names[:8])}"
-        problems = [
-            Problem(Place(self.name), "--held", f'"{name}"', "is none of its bodies", fix)
-            for name in dict.fromkeys(names)
-            if name not in known
-        ]
-        if problems:
-            raise InputError(problems)
-        held = self.given.held | {known[name] for name in names}
-        return replace(self, given=replace(self.given, held=held))
+        if unknown := set(names) - set(self.names):
+            found, fix = f'"{", ".join(sorted(unknown))}"', f"it has {', '.join(self.names[:8])}"
+            raise InputError.of(self.name, found, "is none of its bodies", fix)
+        return replace(self, held=self.held | {self.names.index(name) for name in names})
 
 
 def read(path: Path, fps: float | None = None, view: View = View.SIDE) -> Iterator[Tracks]:
@@ -237,7 +217,7 @@ def from_world(name: str, world: World, times: Array, poses: Array) -> Tracks:
         LIMITS.exact,
         "poses of a clip of physgen",
         np.array([body.mass for body in world.bodies]),
-        _known(world),
+        _held(world),
         world.view is View.SIDE and not np.any(world.gravity),
     )
 
@@ -250,22 +230,12 @@ def _outline(body: Body) -> Outline:
     return Outline(0.0, body.reach, float(np.ptp(shadows, axis=0).min()), body.pieces)
 
 
-def _known(world: World) -> Known:
+def _held(world: World) -> frozenset[int]:
     held = {k for k, body in enumerate(world.bodies) if body.motion is not Motion.DYNAMIC}
-    held |= {k for one in world.fields for k in one.bodies}
-    held |= {k for k, body in enumerate(world.bodies) if world.view is View.TOP and _overspun(body)}
-    joined = set()
-    for joint in world.joints:
-        held.add(joint.first)
-        if joint.second is not None:
-            held.add(joint.second)
-            joined.add((min(joint.first, joint.second), max(joint.first, joint.second)))
-    return Known(
-        frozenset(held),
-        tuple((p.body, p.start, p.end if isfinite(p.end) else world.duration) for p in world.pushes),
-        frozenset(joined),
-        tuple(chain for wall in world.walls for chain in wall.chains),
-    )
+    held |= {k for one in world.fields for k in one.bodies} | {push.body for push in world.pushes}
+    held |= {k for joint in world.joints for k in (joint.first, joint.second) if k is not None}
+    spun = {k for k, body in enumerate(world.bodies) if world.view is View.TOP and _overspun(body)}
+    return frozenset(held | spun)
 
 
 def _overspun(body: Body) -> bool:
