@@ -123,14 +123,6 @@ def test_manifests_without_times(tmp_path: Path, stages: Any, capsys: pytest.Cap
     assert "out/a/manifest.json: warning: has no times of its stages" in capsys.readouterr().err
 
 
-def test_a_manifest_that_cannot_be_read_is_told(clips: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (clips / "clip-1" / "manifest.json").write_text("{broken")
-    assert main(["evaluate", "runtime", str(clips / "clip-1")]) == 2
-    assert "clip-1/manifest.json: cannot be read" in capsys.readouterr().err
-    told = told_of(clips, capsys=capsys)
-    assert len(told["runs"]) == 2
-
-
 def test_nothing_to_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for flags, wrong in (
         ([], "was given no records"),
