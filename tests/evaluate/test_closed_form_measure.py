@@ -20,11 +20,9 @@ from physgen.evaluate.physics import (
     Case,
     Measure,
     Row,
-    Unit,
     choose,
     evaluate,
     findings,
-    quantity,
     record,
     run_draw,
     scene_file,
@@ -99,12 +97,6 @@ def test_a_file_is_no_folder(tmp_path: Path, capsys) -> None:
     (tmp_path / "taken").write_text("")
     assert main([*QUICK, "-o", str(tmp_path / "taken")]) == 2
     assert "taken: is a file; name a folder with -o" in capsys.readouterr().err
-
-
-def test_an_unknown_scorecard_exits_2(capsys) -> None:
-    with pytest.raises(SystemExit) as stop:
-        main(["evaluate", "astrology"])
-    assert stop.value.code == 2
 
 
 def test_scenes_are_kept_and_can_be_rendered(tmp_path: Path, capsys) -> None:
@@ -182,18 +174,6 @@ def test_rivals_have_columns_where_they_were_measured() -> None:
     text = page([row], "a machine")
     assert "| # | test | closed form | bar | error | 960/s | mujoco | box2d |" in text
     assert "| [1](../scenes/physics/01-fall.yaml) | fall | y \\| z | 1 % | 0.1 % | 0.1 % | 2 % | - |" in text
-
-
-@pytest.mark.parametrize(
-    ("value", "unit", "shown"),
-    [
-        (0.0, Unit.PART, "0 %"), (1e-4, Unit.PART, "0.01 %"), (1.23, Unit.PART, "123 %"), (2e-9, Unit.PART, "< 1e-6 %"),
-        (0.5, Unit.DEGREES, "0.5 degrees"), (0.0, Unit.SWITCH, "yes"), (1.0, Unit.SWITCH, "no"),
-        (None, Unit.PX, "none"),
-    ],
-)  # fmt: skip
-def test_quantities(value: float | None, unit: Unit, shown: str) -> None:
-    assert quantity(value, unit.value) == shown
 
 
 # ---- what is committed -------------------------------------------------------------------------------------------

@@ -218,49 +218,11 @@ def faults(root: Path) -> dict[str, tuple[list[str], list[str]]]:
         "no file": ([true, "--features", "inception:/nowhere.pt"], ['"/nowhere.pt" no such file']),
         "bank of": ([true, "--features", "bank:3"], ['--features: "features=bank:3" names weights for what has none']),
         "no script": ([true, "--features", f"inception:{root / 'weights.pth'}"], ["to be a TorchScript file"]),
+        "both sides": ([str(root / "nowhere"), "--reference", str(root / "nowhere")], ["no such file or folder"]),
         "twice": (["--method", f"a={true}", "--method", f"a={one}"], ['--method: "a" stands for two methods']),
         "raft": ([true, "--flow", "raft:/nowhere.pth"], ["--flow: ", "needs torchvision", "physgen[raft]"]),
         "name": ([one, "--method", f"reference={one}"], ["is the other side's name"]),
     }  # fmt: skip
-
-
-def test_what_is_wrong_on_both_sides_is_told_once(
-    clips: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    save([np.zeros((20, 20, 3), np.uint8), np.zeros((20, 22, 3), np.uint8)], tmp_path / "uneven" / "a")
-    for folder in (tmp_path / "uneven", tmp_path / "nowhere"):
-        assert main(["evaluate", "fid", str(folder), "--reference", str(folder)]) == 2
-        assert len(capsys.readouterr().err.splitlines()) == 1
-
-
-def test_who_is_not_surely_nearer_is_told_so(clips: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Two draws from one distribution, and one that is another."""
-    arguments = ["--reference", str(clips / "true"), "--size", str(SIDE), "--draws", "60", "--only", "motion"]
-    half = [part for name in ("alike", "painted", "still") for part in ("--method", f"{name}={clips / name}")]
-    assert main(["evaluate", "fid", *half, *arguments]) == 0
-    (line,) = [line for line in capsys.readouterr().out.split("\n\n") if "the nearest first" in line]
-    told = " ".join(line.split())
-    assert "painted (not surely farther: in " in told or "alike (not surely farther: in " in told
-    assert ", still." in told
-
-
-def test_frames_that_do_not_fit_into_memory(
-    clips: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full(*_: object, **__: object) -> None:
-        raise MemoryError
-
-    arguments = ["evaluate", "fid", str(clips / "alike"), "--reference", str(clips / "true"), "--size"]
-    with pytest.raises(SystemExit) as ended:
-        main([*arguments, "20000"])
-    assert ended.value.code == 2
-    assert "20000 is not a whole number from 16 to 4096" in capsys.readouterr().err
-    monkeypatch.setattr(cv2, "resize", full)
-    assert main([*arguments, "4000"]) == 2
-    assert (
-        "--size: 4000 makes frames that do not fit into memory; give a smaller --size"
-        in capsys.readouterr().err
-    )
 
 
 def test_faults_are_told(clips: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -113,29 +113,6 @@ def test_pycocotools_says_the_same(seed: int) -> None:
         assert counts(at)["recall"] == pytest.approx(float(theirs["recall"][t, 0, 0, -1]), abs=1e-9)
 
 
-def test_label_maps_are_judged_as_pycocotools_does() -> None:
-    rng = np.random.default_rng(5)
-    photos, judged = [], []
-    for _ in range(6):
-        true = rng.integers(0, 4, (6, 6)).repeat(8, 0).repeat(8, 1)
-        said = np.where(rng.random(true.shape) < 0.1, 0, true)
-        maps = patches(true), patches(said)
-        confidence = rng.random(len(maps[1]))
-        photos.append(
-            (
-                [true == i for i in maps[0]],
-                [said == i for i in maps[1]],
-                confidence,
-            )
-        )
-        overlap = overlaps(list(maps[1].values()), list(maps[0].values()))
-        judged.append([judge(overlap, confidence, t) for t in THRESHOLDS])
-    theirs = by_pycocotools(photos).eval
-    assert theirs is not None
-    ours = [average_precision([one[t] for one in judged]) for t in range(len(THRESHOLDS))]
-    assert np.allclose(ours, theirs["precision"][:, :, 0, 0, -1].mean(1), atol=1e-9, rtol=0)
-
-
 def square(x: int, y: int, side: int = 10) -> Patch:
     return Patch(x, y, np.ones((side, side), np.bool_))
 
