@@ -190,10 +190,16 @@ class Reliability:
 
     def bins(self) -> list[dict[str, Any]]:
         """As JSON."""
-        columns = self.edges[:-1], self.edges[1:], self.count, self.confidence, self.right
-        names = ("from", "to", "count", "confidence", "right")
-        rows = [dict(zip(names, map(float, row), strict=True)) for row in zip(*columns, strict=True)]
-        return [{key: None if np.isnan(value) else value for key, value in row.items()} for row in rows]
+        return [
+            {
+                "from": float(self.edges[k]),
+                "to": float(self.edges[k + 1]),
+                "count": int(self.count[k]),
+                "confidence": float(self.confidence[k]) if self.count[k] else None,
+                "right": float(self.right[k]) if self.count[k] else None,
+            }
+            for k in range(BINS)
+        ]
 
 
 def reliability(photos: Sequence[Judged]) -> Reliability:
@@ -329,7 +335,7 @@ def findings(found: Found, bars: Mapping[str, float]) -> Findings:
     calibration = tuple(
         (
             f"{one['from']:.1f} to {one['to']:.1f}",
-            f"{one['count']:.0f}",
+            str(one["count"]),
             _share(one["confidence"]),
             _share(one["right"]),
         )
