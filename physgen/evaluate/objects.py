@@ -137,16 +137,16 @@ def read_table(path: Path) -> Objects:
         raise InputError.of(str(path), "", f"cannot be read ({error.strerror})", fix) from None
     data = plain(root)
     problems = []
-    for error in Draft202012Validator(TABLE).iter_errors(data):
-        keys = list(error.absolute_path)
+    for wrong in Draft202012Validator(TABLE).iter_errors(data):
+        keys = tuple(wrong.absolute_path)
         place = _node(root, keys).place
-        problems.append(Problem(place, dotted(keys), "", error.message, "see docs/properties.md"))
+        problems.append(Problem(place, dotted(keys), "", wrong.message, "see docs/properties.md"))
     if problems:
         raise InputError(problems)
     return _table(data, path)
 
 
-def _node(node: Node, keys: list[str | int]) -> Node:
+def _node(node: Node, keys: tuple[str | int, ...]) -> Node:
     for key in keys:
         node = children(node)[key] if isinstance(key, str) else items(node)[key]
     return node
