@@ -19,7 +19,6 @@ from physgen.batch.clips import find_clips
 from physgen.batch.dataset import Shards
 from physgen.batch.dataset_samples import Sample, Splits, read_splits
 from physgen.cli.main import main
-from physgen.problems import InputError
 
 SCENE = """\
 physgen: 1
@@ -299,24 +298,6 @@ def test_what_cannot_be_is_refused_in_one_line(made: Path, tmp_path: Path, capsy
     )
 
 
-def test_folders_are_walked_one_after_the_other(tmp_path: Path) -> None:
-    for name in ("clip-10", "clip-2", "b/clip", ".hidden/clip"):
-        (tmp_path / name).mkdir(parents=True)
-        (tmp_path / name / "manifest.json").write_text('{"manifest": 1, "samples": []}')
-    (tmp_path / "web").mkdir()
-    (tmp_path / "web" / "manifest.json").write_text('{"name": "a web page"}')
-    (tmp_path / "clip-2" / "inner").mkdir()
-    (tmp_path / "clip-2" / "inner" / "manifest.json").write_text('{"manifest": 1, "samples": []}')
-    found = find_clips([tmp_path])
-    assert next(found).folder == tmp_path / "b" / "clip"  # before the others are looked at
-    assert [each.folder.name for each in found] == ["clip-2", "clip-10"]
-
-
-def test_wrong_shares_name_the_flag() -> None:
-    with pytest.raises(InputError, match="--split"):
-        read_splits("train=0.5,train=0.5", 0)
-
-
 BALL_SCENE = """\
 physgen: 1
 size: [48, 32]
@@ -353,16 +334,6 @@ def test_strays_are_named(two_clips: Path, tmp_path: Path, capsys) -> None:
     assert main(["dataset", str(two_clips), "-o", str(data), "--split", "train=1"]) == 0
     assert main(["dataset", str(two_clips / "one"), "-o", str(data), "--split", "train=1"]) == 0
     assert "folders of clips that are not named here" in capsys.readouterr().err
-
-
-def test_a_clip_whose_manifest_is_lost_is_told(two_clips: Path, tmp_path: Path, capsys) -> None:
-    shutil.copytree(two_clips, tmp_path / "out")
-    (tmp_path / "out/two/manifest.json").unlink()
-    lost = str(tmp_path / "out/two")
-    assert main(["dataset", str(tmp_path / "out"), "-o", str(tmp_path / "data")]) == 2
-    assert f"{lost}: has no manifest that can be read" in capsys.readouterr().err
-    assert main(["verify", str(tmp_path / "out")]) == 2
-    assert f"{lost}: not verified" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(("to", "said"), [("out/data", "lies in"), (".", "holds")])

@@ -233,12 +233,6 @@ def test_flags_that_would_lose_clips_are_refused(lesson: Path, capsys) -> None:
     assert "names a file of another machine" in capsys.readouterr().err
 
 
-def test_file_urls_are_paths(lesson: Path, capsys) -> None:
-    out = lesson.parent / "an out"
-    assert rendered(capsys, lesson.as_uri(), "-o", out.as_uri()) == {str(out / "lesson"): "made"}
-    assert rendered(capsys, str(lesson), "-o", str(out)) == {str(out / "lesson"): "unchanged"}
-
-
 def test_a_place_that_cannot_be_written_is_one_failed_clip(store, lesson: Path, monkeypatch, capsys) -> None:
     def broken(*arguments: object, **more: object) -> None:
         raise LookupError("no credentials")

@@ -116,16 +116,6 @@ def test_other_code_makes_every_clip_again(lesson: Path, render: Render, monkeyp
     assert render(lesson) == {"lesson": "made"}
 
 
-def test_warnings_of_a_clip_that_is_there_are_told_again(lesson: Path, capsys) -> None:
-    lesson.write_text(lesson.read_text().replace("[16, 30]", "[16, 20]").replace("[44, 32]", "[20, 32]"))
-    told = []
-    for _ in range(2):
-        assert main(["render", str(lesson), "-o", str(lesson.parent / "out")]) == 0
-        told.append(capsys.readouterr().err)
-    assert "warning" in told[0]
-    assert told[1] == told[0] + "1 clip, unchanged\n"
-
-
 def test_a_failure_is_a_line_and_a_trace_and_stops_nobody(lesson: Path, render: Render, capsys) -> None:
     broken = lesson.with_name("a-broken.yaml")
     broken.write_text(lesson.read_text().replace("mass: 200", "mass: heavy"))
@@ -192,24 +182,6 @@ def _late() -> Callable[..., object]:
         return inputs(scene, *more)  # type: ignore[arg-type]
 
     return found
-
-
-@pytest.mark.parametrize("name", ["pipe.physgen", "pipe.yaml"])
-def test_a_pipe_for_a_scene_keeps_nobody_waiting(
-    name: str, lesson: Path, render: Render, capsys: pytest.CaptureFixture[str]
-) -> None:
-    pipe = lesson.with_name(name)
-    os.mkfifo(pipe)  # nobody writes into it
-    out = lesson.parent / "pipes"
-    assert main(["render", str(pipe), str(lesson), "-o", str(out), "--report", "none"]) == 2
-    assert "pipe" in capsys.readouterr().err
-    assert (out / "lesson" / "manifest.json").is_file()
-    assert main(["verify", str(out), "--scene", str(pipe)]) == 2
-    film = out / "lesson" / "video.mp4"
-    film.unlink()
-    os.mkfifo(film)
-    assert main(["render", str(lesson), "-o", str(out), "--report", "none"]) == 0
-    assert film.is_file()
 
 
 def test_whatever_goes_wrong_in_one_clip_the_others_are_made(

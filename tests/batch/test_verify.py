@@ -21,7 +21,6 @@ from physgen.batch.compare import Samples, motion_difference
 from physgen.batch.verify import Outcome, Verdict, VerifyRequest, verify
 from physgen.cli.main import main
 from physgen.export.video import Format
-from physgen.problems import InputError
 from physgen.scene.pack import pack_scene
 from physgen.simulate.trajectory import read_trajectory
 
@@ -264,13 +263,6 @@ def test_likely_causes_are_told(desk: Path) -> None:
     assert 'image: "photo.png" does not exist' in missing.line()
 
 
-def test_a_result_that_is_not_the_same_without_a_reason(desk: Path) -> None:
-    rewrite(desk, lambda told: told["frames"].__setitem__(5, "0" * 64))
-    line = judged(desk).line()
-    assert "frames from 5 (0.208 s), 1 of 12" in line
-    assert line.endswith("nothing that it reads has changed, nor have versions or the machine")
-
-
 def test_a_clip_that_was_refined_is_compared_as_it_was_drawn(desk: Path) -> None:
     folder = desk / "out" / "desk"
     shutil.move(folder / "video.mp4", folder / "unrefined.mp4")
@@ -407,15 +399,3 @@ def test_what_is_no_clip_is_refused(tmp_path: Path, capsys: pytest.CaptureFixtur
         f"{tmp_path / 'empty'}: holds no clip; name a folder that physgen rendered into, e.g. out",
         f"{tmp_path / 'none'}: is no folder; name folders that were rendered into",
     ]
-
-
-def test_what_fails_is_a_verdict(desk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(path: Path) -> None:
-        raise OSError(28, "No space left on device", str(path))
-
-    monkeypatch.setattr(again, "read_manifest", full)
-    found = judged(desk)
-    assert found.outcome is Outcome.UNKNOWN
-    assert "failed: " in found.line()
-    with pytest.raises(InputError):
-        raise InputError(found.problems)

@@ -115,13 +115,6 @@ def test_a_light_does_not_simulate_in_another_process_either(
     assert ran["simulate"] == 3
 
 
-def test_what_takes_no_time_is_not_kept_on_disk(pictured: Path, ran: Counter[str], monkeypatch) -> None:
-    monkeypatch.setattr(stages, "WORTH", 1e9)
-    clip(pictured, (), Stages(), cached=True)
-    clip(pictured, (), Stages(), cached=True)
-    assert ran["simulate"] == 2
-
-
 def test_files_that_are_written_are_read_again(pictured: Path, ran: Counter[str]) -> None:
     at_hand = Stages()
     before = clip(pictured, (), at_hand)

@@ -113,23 +113,6 @@ def test_what_cannot_be_asked_for(home: Path, said: Said, how: str, why: str) ->
     assert why in said()[1]
 
 
-@pytest.mark.slow
-def test_workers_write_pages_of_their_own(home: Path, pytester: pytest.Pytester) -> None:
-    (home / "test_scenes.py").write_text(
-        "import os, pytest\n"
-        "@pytest.mark.parametrize('n', range(3))\n"
-        "def test_clip(physgen_golden, n):\n"
-        "    physgen_golden('scene.yaml', overrides=os.environ.get('EDIT', 'objects.cue.mass=170').split())\n"
-    )
-    pytester.runpytest_inprocess("-q", "--regen-all").assert_outcomes(passed=3)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("EDIT", "objects.cue.mass=400")
-        pytester.runpytest_inprocess("-q", "-n", "2", "--physgen-golden-report=pages").assert_outcomes(
-            failed=3
-        )
-    assert len(list((home / "pages" / "test_scenes").glob("*.html"))) == 3
-
-
 def test_sessions_without_pytest_regressions_go_on(home: Path, said: Said) -> None:
     (home / "test_scenes.py").write_text(ONE + "def test_other():\n    pass\n")
     _, text = said("-p", "no:regressions", "-p", "no:pytest-datadir")

@@ -283,13 +283,6 @@ def test_extends_without_end(tmp_path: Path) -> None:
     assert message.startswith('s10.yaml:2:10: extends: "s11.yaml" is one of more than 10 files')
 
 
-def test_extends_a_pipe(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe.yaml")
-    (tmp_path / "scene.yaml").write_text("physgen: 1\nextends: pipe.yaml\n")
-    (message,) = said(tmp_path)
-    assert '"pipe.yaml" is not a file' in message
-
-
 def test_a_scene_is_a_pipe_that_nobody_writes_into(tmp_path: Path) -> None:
     for name in ("pipe.yaml", "pipe.physgen"):
         os.mkfifo(tmp_path / name)
@@ -303,13 +296,6 @@ def test_a_scene_may_come_from_another_program(tmp_path: Path) -> None:
         [sys.executable, "-c", code], input=HEAD, capture_output=True, text=True, cwd=tmp_path
     )
     assert (run.returncode, run.stdout, run.stderr) == (0, "/dev/stdin: no problems\n", "")
-
-
-def test_image_is_a_pipe(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "photo.png")
-    (tmp_path / "scene.yaml").write_text("physgen: 1\nimage: photo.png\n")
-    (message,) = said(tmp_path)
-    assert '"photo.png" does not exist' in message or "is not a file" in message
 
 
 @pytest.mark.parametrize("value", ["[" * 1000, "&a [*a]", "!!python/name:os.system", ".nan", "9" * 5000])
@@ -346,14 +332,6 @@ def test_many_joints_and_fields(tmp_path: Path) -> None:
     fields = "".join(f"  f{n}: {{wind: [1, 0], drag: 1, objects: [{names}]}}\n" for n in range(40))
     (tmp_path / "scene.yaml").write_text(_balls(5000) + "joints:\n" + joints + "fields:\n" + fields)
     assert said(tmp_path) == []
-
-
-def test_joints_to_nobody(tmp_path: Path) -> None:
-    joints = "".join(f"  j{n}: {{objects: [bell-{n}, ball-x], pivot: [1, 1]}}\n" for n in range(9999))
-    (tmp_path / "scene.yaml").write_text(_balls(5000) + "joints:\n" + joints)
-    lines = said(tmp_path)
-    assert len(lines) == 201
-    assert any('"bell-1" is not an object of this scene; did you mean "ball-1"?' in line for line in lines)
 
 
 def test_variants_of_many_joints(tmp_path: Path) -> None:

@@ -76,15 +76,6 @@ def test_places_of_keys() -> None:
     assert child(tree(TEXT), "world", "gravity").key_place == ("scene.yaml", 4, 9)
 
 
-def test_data() -> None:
-    assert plain(tree(TEXT)) == {
-        "physgen": 1,
-        "world": {"view": "side", "gravity": [0, 980]},
-        "objects": {"ball": {"label": "a ball: red", "mass": 170}, "größe": {"mass": 1}},
-        "forces": [{"object": "ball", "impulse": [1, 2.5]}, {"object": "ball", "torque": 3}],
-    }
-
-
 def test_quoted_text_is_text() -> None:
     assert plain(tree("a: '8'\nb: \"true\"\nc: |\n  1\nd: ''\n")) == {
         "a": "8",
@@ -102,14 +93,6 @@ def test_a_byte_order_mark_is_no_text() -> None:
     text = decode(b"\xef\xbb\xbfphysgen: 1\n", "scene.yaml")
     assert tree(text).place.column == 1
     assert plain(tree(text)) == {"physgen": 1}
-
-
-def test_windows_lines() -> None:
-    assert child(tree("physgen: 1\r\nsize: [1, 2]\r\n"), "size").place == ("scene.yaml", 2, 7)
-
-
-def test_json_is_yaml() -> None:
-    assert plain(tree('{"physgen": 1, "size": [1, 2.5e3], "label": "\\u00e9"}'))["label"] == "é"
 
 
 def test_the_limits_themselves_are_allowed() -> None:

@@ -137,10 +137,6 @@ def test_gravity(world: str, gravity: scene.Point, tmp_path: Path) -> None:
     assert found.document["world"]["gravity"] == list(gravity)
 
 
-def test_a_scene_may_be_empty(tmp_path: Path) -> None:
-    assert load(write(tmp_path, HEAD + "objects: {}\n")).objects == ()
-
-
 def test_whole_numbers_written_as_floats(tmp_path: Path) -> None:
     found = load(write(tmp_path, "physgen: 1.0\nsize: [64.0, 48]\nrender: {frames: 16.0}\n"))
     assert (found.size, found.render.frames) == ((64, 48), 16)
@@ -181,14 +177,6 @@ def test_links_within_the_folder_are_followed(tmp_path: Path) -> None:
     assert load(tmp_path / "short" / "scene.yaml").size == (30, 20)
 
 
-def test_outside_files_need_the_flag(tmp_path: Path) -> None:
-    Image.new("RGB", (30, 20)).save(tmp_path / "photo.png")
-    for text in ("../photo.png", str(tmp_path / "photo.png")):
-        path = write(tmp_path / "scene", f"physgen: 1\nimage: {text}\n")
-        assert "--allow-outside" in fails(path)
-        assert load(path, allow_outside=True).size == (30, 20)
-
-
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     assert fails(tmp_path / "none.yaml").endswith("none.yaml: no such file; write the path of a scene file")
     assert fails(tmp_path).endswith(": a folder; name a scene file in it, e.g. scene.yaml")
@@ -196,17 +184,6 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     assert "cannot be read: the path is no path" in fails(Path("a\0b"))
     write(tmp_path, HEAD, "file.yaml")
     assert "cannot be read: not a directory" in fails(tmp_path / "file.yaml" / "scene.yaml")
-
-
-def test_a_scene_from_a_pipe(tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", "from physgen.scene.load import load; print(load('/dev/stdin').size)"],
-        input=HEAD.encode(),
-        capture_output=True,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
-        check=True,
-    )
-    assert done.stdout == b"(64, 48)\n"
 
 
 def test_places() -> None:

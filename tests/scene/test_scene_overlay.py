@@ -101,30 +101,11 @@ def test_another_kind_of_mask_and_motion_replace(scene: Path) -> None:
     assert named(load(path, [f"objects.ball.mask={rle}"]))["ball"].mask == model.MaskRle((48, 64), (3072,))
 
 
-def test_a_photo_takes_the_place_of_a_canvas(scene: Path) -> None:
-    from PIL import Image
-
-    Image.new("RGB", (30, 20)).save(scene.with_name("photo.png"))
-    assert load(over(scene, "image: photo.png\n")).size == (30, 20)
-
-
 def test_null_takes_away(scene: Path) -> None:
     path = over(scene, "forces: null\nlight: ~\nobjects:\n  crate:\n  ball: {mass: null}\n")
     found = load(path)
     assert list(named(found)) == ["ball"]
     assert (found.light, found.forces, named(found)["ball"].density) == (None, (), 1)
-
-
-def test_null_with_nothing_to_take_away(scene: Path) -> None:
-    (message,) = said(over(scene, "render:\n"))
-    assert message.endswith(
-        "over.yaml:3:8: render: an empty value is not a mapping; write a mapping, e.g. {fps: 30}"
-    )
-
-
-def test_both_in_the_overlay_is_wrong(scene: Path) -> None:
-    (message,) = said(over(scene, "objects: {ball: {mass: 1, density: 2}}\n"))
-    assert message.endswith("objects.ball.density: stands beside mass; write only one of the two")
 
 
 def test_a_chain_of_files_each_with_its_own_photo_folder(tmp_path: Path) -> None:
@@ -214,25 +195,10 @@ def test_a_mask_takes_the_place_of_a_wall(scene: Path) -> None:
 # --set
 
 
-def test_set_replaces_whole_values(scene: Path) -> None:
-    assert load(scene, ["world={view: side}"]).world.duration == 2.0
-    assert load(scene, ["objects={}", "forces=[]"]).objects == ()
-
-
 def test_set_makes_parents(scene: Path) -> None:
     found = load(scene, ["render.fps=12", "objects.new.shape.circle={center: [1, 2], radius: 3}"])
     assert found.render.fps == 12
     assert named(found)["new"].shape == model.Circle((1, 2), 3)
-
-
-def test_set_through_a_single_value(scene: Path) -> None:
-    found = load(scene, ["objects.ball.shape=auto", "objects.ball.mask.polygon=[[0, 0], [9, 0], [0, 9]]"])
-    assert isinstance(named(found)["ball"].shape, model.Auto)
-    found = load(
-        scene,
-        ["objects.ball.mask={polygon: [[0, 0], [9, 0], [0, 9]]}", "objects.ball.mask.polygon[1]=[8, 0]"],
-    )
-    assert named(found)["ball"].mask == model.MaskPolygon(((0, 0), (8, 0), (0, 9)))
 
 
 def test_star_is_every_object(scene: Path) -> None:
@@ -296,11 +262,6 @@ def test_every_variant_is_checked(scene: Path) -> None:
         "light.direction",
     ]
     assert all("over.yaml:3:" in message for message in messages)
-
-
-def test_a_fault_of_the_file_is_told_once(scene: Path) -> None:
-    text = "objects: {ball: {friction: x}}\nvariants: {a: {world.duration: 1}, b: {objects.ball.mass: 3}}\n"
-    assert len(said(over(scene, text))) == 1
 
 
 def test_variants_are_whole_after_each_other(scene: Path) -> None:

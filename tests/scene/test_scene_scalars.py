@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import pytest
-import yaml
 
 from physgen.scene.document import RefusedNumberError, Scalar, resolve
 
@@ -99,8 +98,3 @@ def test_endless_numbers_are_refused(text: str) -> None:
 def test_numbers_that_no_float_holds_are_refused(text: str) -> None:
     with pytest.raises(RefusedNumberError):
         resolve(text)
-
-
-def test_why_not_pyyaml() -> None:
-    """The 1.1 readings that this module is there to avoid."""
-    assert yaml.safe_load("[on, 1.0e6, 1:30, 1_000]") == [True, "1.0e6", 90, 1000]

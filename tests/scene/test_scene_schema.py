@@ -11,16 +11,12 @@ from typing import Any
 
 import jsonschema
 import pytest
-import yaml
 
 import physgen.scene
 from physgen.problems import InputError
-from physgen.scene.document import Source, plain, read
 from physgen.scene.load import load
 from physgen.scene.reference import EXAMPLE, markdown
-from physgen.scene.schema import at, expanded, published, with_defaults
-from physgen.scene.validate import Findings, check_schema
-from physgen.scene.write import scene_text
+from physgen.scene.schema import expanded, published, with_defaults
 
 ROOT = Path(__file__).parents[2]
 
@@ -73,11 +69,6 @@ def test_units_are_known() -> None:
     assert units == set(words.split())
 
 
-def test_a_part_by_its_path() -> None:
-    assert at("objects.*.mass")["x-unit"] == "g"
-    assert at("world.table.friction")["default"] == 0
-
-
 def test_defaults_are_filled_without_touching_the_schema() -> None:
     filled = with_defaults({"physgen": 1, "size": [1, 1], "objects": {"a": {"mask": 1}}})
     filled["objects"]["a"]["velocity"].append(3)
@@ -105,20 +96,6 @@ def test_the_example_of_the_reference_loads(tmp_path: Path) -> None:
     path = tmp_path / "example.yaml"
     path.write_text(EXAMPLE)
     assert load(path, variant="on-the-moon").world.gravity == (0, 162)
-
-
-def test_the_examples_make_a_scene() -> None:
-    """The schema's own example of every key of `world`, `render` and `refine` at once."""
-    document: dict[str, Any] = {"physgen": 1, "size": [512, 512]}
-    for name in ("world", "render", "refine"):
-        parts = expanded()["properties"][name]["properties"]
-        document[name] = {key: part["examples"][0] for key, part in parts.items()}
-    text = scene_text(document)
-    node = read(text, Source("x", Path()))
-    report = Findings()
-    check_schema(node, report)
-    assert not report.problems
-    assert plain(node) == yaml.safe_load(text) == document
 
 
 @pytest.mark.parametrize("module", [name for _, name, _ in pkgutil.iter_modules(physgen.scene.__path__)])
