@@ -435,15 +435,29 @@ def write_scene(
         body["maps"] = {name: list(bounds) for name, bounds in ranges.items()}
     schema = assets / SCHEMA
     write_with_backup(schema, resource("schemas", SCHEMA).read_bytes(), keep)
-    if perceived.record:
-        record = {"physgen": __version__, "steps": list(perceived.record)}
-        write_atomic(assets / RECORD, json.dumps(record, indent=1, ensure_ascii=False).encode() + b"\n")
-    else:
-        (assets / RECORD).unlink(missing_ok=True)  # of an earlier run with models
+    values = perceived_values(perceived.document)
+    record = {"physgen": __version__, "steps": list(perceived.record), "values": values}
+    write_atomic(assets / RECORD, json.dumps(record, ensure_ascii=False).encode() + b"\n")
     text = scene_text(head | body, perceived.comments, perceived.header, _relative(schema, folder))
     if output is not None:
         write_with_backup(output, text.encode("utf-8"), keep)
     return text
+
+
+def perceived_values(document: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Object name -> the values that its `from` names: a refresh takes any other value for the user's."""
+    return {
+        name: {key: item[key] for key in item.get("from", {}) if key in item}
+        for name, item in document["objects"].items()
+    }
+
+
+def written_values(assets: Path | None) -> dict[str, dict[str, Any]]:
+    """`perceived_values` of the run that wrote these assets; empty where they have no record of it."""
+    try:
+        return dict(json.loads((assets or Path()).joinpath(RECORD).read_bytes())["values"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}
 
 
 def _free_of_maps(name: str) -> str:

@@ -1,7 +1,7 @@
 """Refresh of a scene: its photo is perceived again, and what the user set is kept.
 
-The rule: a value that `from` names is perception's and is written anew; any other is the user's and stays. Labels and
-names stay. Masks stay, but for objects with a prompt.
+The rule: a value that `from` names, and that is still as perception wrote it, is written anew; any other is the user's
+and stays. Labels and names stay. Masks stay, but for objects with a prompt.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from math import isclose
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,8 @@ OVERLAP = (0.5, 0.3)
 """Share of the smaller mask, and of the old one, from which a new prompt means an existing object."""
 EQUAL = 0.01
 """Relative difference of equal scales: outlines are written to 0.01 px."""
+WRITTEN = 1e-5
+"""Relative difference of equal numbers: scenes are written with six digits or more."""
 TABLE_KEYS = ("mass", "friction", "elasticity", "rolling")
 """Keys of an object that the table gives."""
 PIXEL_KEYS = ("mask", "shape", "prompt")
@@ -140,6 +143,31 @@ def follows_scale(scene: Entry, objects: Sequence[PhotoObject], names: Mapping[i
         if scale is not None and sure and abs(scale.pixels_per_meter - stated) <= EQUAL * stated:
             return True
     return False
+
+
+def without_edited(scene: Entry, values: Mapping[str, Entry]) -> dict[str, Any]:
+    """The scene's data; `from` no longer names what differs from `values`, which perception wrote, by object."""
+    objects = {}
+    for name, was in scene["objects"].items():
+        wrote = values.get(name, {})
+        sources = {
+            key: source
+            for key, source in was.get("from", {}).items()
+            if key not in wrote or _same(was.get(key), wrote[key])
+        }
+        objects[name] = {**was, "from": sources} if "from" in was else was
+    return {**scene, "objects": objects}
+
+
+def _same(one: object, other: object) -> bool:
+    """Whether two values are equal; numbers but for the digits that are not written."""
+    if isinstance(one, Mapping) and isinstance(other, Mapping):
+        return one.keys() == other.keys() and all(_same(one[key], other[key]) for key in one)
+    if isinstance(one, list | tuple) and isinstance(other, list | tuple):
+        return len(one) == len(other) and all(map(_same, one, other))
+    if isinstance(one, int | float) and isinstance(other, int | float):
+        return isclose(one, other, rel_tol=WRITTEN, abs_tol=WRITTEN)
+    return one == other
 
 
 def user_layers(scene: Entry) -> dict[str, int]:

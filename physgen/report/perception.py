@@ -9,6 +9,7 @@ from __future__ import annotations
 import colorsys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import hypot
 from typing import Any
 
@@ -34,12 +35,14 @@ QUALITY, PAIR_QUALITY = 74, 78
 """Of WebP."""
 LETTER = 20
 """px, of names: pages show pictures at less than half their size."""
+SHEET_ROW = 4
+"""Pictures in a row of `sheet`."""
 SUPPORT: Colour = (255, 196, 0)
 SUN: Colour = (255, 205, 64)
 WHITE: Colour = (255, 255, 255)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Picture:
     """One of the strip."""
 
@@ -48,10 +51,25 @@ class Picture:
     title: str
     caption: str
     alt: str
-    uri: str
-    """`data:image/webp;base64,...`."""
-    width: int
-    height: int
+    rgb: U8
+    """(h, w, 3) sRGB."""
+    quality: int
+    """Of WebP."""
+
+    @cached_property
+    def uri(self) -> str:
+        """`data:image/webp;base64,...`."""
+        return webp(self.rgb, self.quality)
+
+    @property
+    def width(self) -> int:
+        """px."""
+        return self.rgb.shape[1]
+
+    @property
+    def height(self) -> int:
+        """px."""
+        return self.rgb.shape[0]
 
 
 @dataclass(frozen=True)
@@ -115,18 +133,31 @@ def compared(
         raise ValueError(f"pictures of shapes {before[1].shape} and {after[1].shape} cannot be compared")
     pair = []
     for side, (words, rgb) in (("before", before), ("after", after)):
-        small = fitted(rgb, PAIR_SIDE)
-        height, width = small.shape[:2]
-        uri, alt = webp(small, PAIR_QUALITY), f"{title}, {words}"
-        pair.append(Picture(f"{name}-{side}", words, "", alt, uri, width, height))
+        alt, small = f"{title}, {words}", fitted(rgb, PAIR_SIDE)
+        pair.append(Picture(f"{name}-{side}", words, "", alt, small, PAIR_QUALITY))
     return Comparison(name, title, caption, *pair)
 
 
 def _picture(name: str, title: str, caption: str, rgb: U8, alt: str = "") -> Picture:
-    small = fitted(rgb, SIDE)
-    height, width = small.shape[:2]
     alt = alt or f"{title} of the photo. {caption}"
-    return Picture(name, title, caption, alt, webp(small, QUALITY), width, height)
+    return Picture(name, title, caption, alt, fitted(rgb, SIDE), QUALITY)
+
+
+def sheet(found: Perception) -> U8:
+    """(H, W, 3) sRGB: all pictures in rows of SHEET_ROW, each below its title."""
+    pictures = [*found.pictures, *(side for pair in found.comparisons for side in (pair.before, pair.after))]
+    width = max(picture.width for picture in found.pictures)
+    small = [fitted(picture.rgb, max(found.pictures[0].rgb.shape[:2])) for picture in pictures]
+    height = max(rgb.shape[0] for rgb in small) + 2 * LETTER
+    rows = -(-len(small) // SHEET_ROW)
+    page = np.full((rows * height, min(len(small), SHEET_ROW) * width, 3), 24, np.uint8)
+    titles = Layer((page.shape[1], page.shape[0]), 0.8)
+    for k, (picture, rgb) in enumerate(zip(pictures, small, strict=True)):
+        y, x = k // SHEET_ROW * height, k % SHEET_ROW * width
+        page[y + 2 * LETTER : y + 2 * LETTER + rgb.shape[0], x : x + rgb.shape[1]] = rgb
+        titles.words(picture.title, (x + width / 2, y + LETTER), LETTER)
+    titles.onto(page, WHITE)
+    return page
 
 
 def _photo_pictures(
