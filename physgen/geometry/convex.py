@@ -41,29 +41,15 @@ class PieceTuning:
 PIECES = PieceTuning()
 
 
+@lru_cache(PIECES.remembered)
 def convex_pieces(outline: Region) -> tuple[Array, ...]:
     """Convex polygons `(K, 2)` float64 px that make up the region, each turning +x towards +y, slivers left out.
 
     At most four times as many as the fewest possible (Hertel and Mehlhorn); usually near the fewest. Pieces of
     different rings that lie within a hair of each other and are convex together become one: nothing trips over a seam.
-    Those of the last regions are remembered, and read-only: lints ask again for what an edit left as it was.
+    Those of the last regions are remembered, and read-only.
     """
-    return _of_borders(tuple((_bytes(r.outer), tuple(map(_bytes, r.holes))) for r in outline.rings))
-
-
-def _bytes(points: Array) -> bytes:
-    return np.ascontiguousarray(points, np.float64).tobytes()
-
-
-@lru_cache(PIECES.remembered)
-def _of_borders(borders: tuple[tuple[bytes, tuple[bytes, ...]], ...]) -> tuple[Array, ...]:
-    """Of rings as the bytes of their corners."""
-
-    def corners(data: bytes) -> Array:
-        return np.frombuffer(data, np.float64).reshape(-1, 2)
-
-    rings = [Ring(corners(outer), tuple(map(corners, holes))) for outer, holes in borders]
-    pieces = [(k, piece) for k, ring in enumerate(rings) for piece in _ring_pieces(ring)]
+    pieces = [(k, piece) for k, ring in enumerate(outline.rings) for piece in _ring_pieces(ring)]
     found = tuple(piece for _, piece in _joined(pieces))
     for piece in found:
         piece.flags.writeable = False
@@ -277,16 +263,11 @@ def _shadow(part: Disc | Array, axes: Array) -> tuple[Array, Array]:
 
 
 def distance_beyond_hull(outline: Outline, points: Array) -> Array:
-    """(P,) px by which points (P, 2) lie outside the outline's convex hull, 0 inside; never more than the distance."""
+    """(P,) px by which points (P, 2) lie outside the outline's convex hull, 0 inside."""
     if isinstance(outline, Disc):
         return np.asarray(np.maximum(np.hypot(*(points - outline.center).T) - outline.radius, 0.0))
-    corners = hull(np.concatenate([ring.outer for ring in outline.rings]))
-    along = np.roll(corners, -1, axis=0) - corners
-    outward = np.stack([along[:, 1], -along[:, 0]], axis=-1) / np.hypot(*along.T)[:, None]
-    most = np.zeros(len(points))
-    for corner, normal in zip(corners, outward, strict=True):
-        np.maximum(most, (points - corner) @ normal, out=most)
-    return most
+    whole = shapely.MultiPoint(np.concatenate([ring.outer for ring in outline.rings])).convex_hull
+    return np.asarray(shapely.distance(shapely.points(points), whole))
 
 
 def distance_to_outline(outline: Outline, point: Array) -> float:

@@ -132,8 +132,6 @@ class LightGuess:
     light: DistantLight
     confidence: float
     reason: str
-    others: tuple[tuple[DistantLight, float], ...] = ()
-    """Lights from elsewhere, and the share 0..1 of this one's explanation that they reach; the best first."""
 
 
 @dataclass(frozen=True)

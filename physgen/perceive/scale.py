@@ -10,7 +10,8 @@ from math import exp, hypot, log, pi, sqrt
 import cv2
 import numpy as np
 
-from physgen.geometry.polygon import Array, Disc, Outline, Region, bounds, mass_properties
+from physgen.geometry.polygon import Array, Disc, Outline, Region, Ring, bounds, mass_properties
+from physgen.geometry.raster import coverage
 from physgen.materials import Kind
 from physgen.perceive.roles import Matter, PhotoObject
 
@@ -22,8 +23,7 @@ MIN_SCALE_CONFIDENCE = 0.5  # from which a scene takes the scale
 class _ShapeLimits:
     """Solids of revolution, and how an object faces the camera; costs are |log| of an aspect ratio."""
 
-    slices: int = 240  # of a solid of revolution
-    axes: int = 79  # places across it at which an axis is tried
+    slices: int = 480  # cells of the grid along the longer side of a solid of revolution
     boxy: float = 0.88  # share of its smallest box from which an outline is a box's
     lying: float = 0.25  # cost of an axis that is not upright
     end_on: float = 0.4  # cost of a view from the object's end
@@ -110,42 +110,24 @@ def revolve(outline: Region, axis: Array) -> Revolved:
     """
     along = np.asarray(axis, float) / np.hypot(*axis)
     frame = np.stack([np.array([-along[1], along[0]]), along])  # across, along
-    edges = []
-    for ring in outline.rings:
-        for border in (ring.outer, *ring.holes):
-            points = border @ frame.T
-            edges.append(np.concatenate([points, np.roll(points, -1, axis=0)], axis=1))
-    every = np.concatenate(edges)
-    low, high = float(every[:, 1].min()), float(every[:, 1].max())
-    step = (high - low) / SHAPE.slices
-    spans = [_crossings(every, low + (k + 0.5) * step) for k in range(SHAPE.slices)]
-    crossings = np.full((SHAPE.slices, max(map(len, spans)) + 1), np.inf)
-    for row, span in zip(crossings, spans, strict=True):
-        row[: len(span)] = span
-    left, right = float(every[:, 0].min()), float(every[:, 0].max())
-    radii = _radii(crossings, np.linspace(left, right, SHAPE.axes + 2)[1:-1])
+    every = np.concatenate([ring.outer for ring in outline.rings]) @ frame.T
+    low, size = every.min(axis=0), np.ptp(every, axis=0)
+    scale = SHAPE.slices / max(size)  # of the grid on which the outline is drawn
+
+    def drawn(points: Array) -> Array:
+        return np.asarray((points @ frame.T - low) * scale - 0.5)
+
+    rings = tuple(Ring(drawn(ring.outer), tuple(map(drawn, ring.holes))) for ring in outline.rings)
+    width, height = np.ceil(size * scale).astype(int).tolist()
+    inside = coverage(Region(rings), (width, height)) >= 0.5
+    columns = np.arange(width)
+    before = np.maximum.accumulate(np.where(inside, -1, columns), axis=1)
+    after = np.minimum.accumulate(np.where(inside, width, columns)[:, ::-1], axis=1)[:, ::-1]
+    radii = np.where(inside, np.minimum(columns - before, after - columns) - 0.5, 0.0) / scale
     best = radii[:, int(np.argmax((radii**2).sum(axis=0)))]
     # a spike at an end (a stalk, a spout) is no part of the height
-    height = step * float(np.count_nonzero((best > 0) & (best > 0.05 * best.max())))
-    return Revolved(float(pi * step * (best**2).sum()), height, float(2 * best.max()))
-
-
-def _crossings(edges: Array, y: float) -> Array:
-    """Sorted places (2K,) where a line across meets the borders."""
-    (y0, y1) = edges[:, 1], edges[:, 3]
-    meets = (y0 <= y) != (y1 <= y)
-    x0, y0, x1, y1 = edges[meets].T
-    return np.sort(x0 + (y - y0) / (y1 - y0) * (x1 - x0))
-
-
-def _radii(crossings: Array, axes: Array) -> Array:
-    """(slices, X) px: radius of each slice that lies on both sides of axes at (X,); `crossings` end with inf."""
-    at = (crossings[:, :, None] < axes).sum(axis=1)
-    before = np.take_along_axis(crossings, np.maximum(at - 1, 0), axis=1)
-    after = np.take_along_axis(crossings, at, axis=1)
-    inside = at % 2 == 1
-    reach = np.minimum(axes - np.where(inside, before, 0), np.where(inside, after, 0) - axes)
-    return np.where(inside, reach, 0)
+    tall = float(np.count_nonzero(best > 0.05 * best.max())) / scale
+    return Revolved(float(pi * (best**2).sum() / scale), tall, float(2 * best.max()))
 
 
 def _turned_extent(outline: Outline, what: Kind) -> Extent:

@@ -23,23 +23,6 @@ def test_area_is_the_count_of_pixels(seed):
         assert sum(polygon_moments(ring).area for ring in found) == pytest.approx((labels == label).sum())
 
 
-def test_centroid_is_the_mean_pixel():
-    labels = blob_labels(5)
-    traced = trace_borders(labels)
-    moments = [polygon_moments(ring) for ring in rings(traced, 1, [b.corners for b in traced.borders])]
-    area = sum(m.area for m in moments)
-    rows, columns = np.nonzero(labels)
-    center = sum(m.area * m.centroid for m in moments) / area
-    assert center == pytest.approx([columns.mean(), rows.mean()])
-
-
-def test_one_pixel_covers_half_a_pixel_to_each_side():
-    labels = np.zeros((3, 4), dtype=int)
-    labels[1, 2] = 7
-    (border,) = trace_borders(labels).borders
-    assert sorted(map(tuple, border.corners.tolist())) == [(1.5, 0.5), (1.5, 1.5), (2.5, 0.5), (2.5, 1.5)]
-
-
 def test_a_corner_parts_pixels_of_one_object():
     labels = np.eye(2, dtype=int)
     assert len(trace_borders(labels).loops[1]) == 2
@@ -83,12 +66,6 @@ def test_open_lines_keep_their_ends(seed):
         if not border.closed:
             found = simplify(border.middles, 0.5, closed=False)
             assert found[[0, -1]].tolist() == border.middles[[0, -1]].tolist()
-
-
-def test_half_level_line_stands_off_the_pixels_by_a_third():
-    for border in trace_borders(blob_labels(3, smooth=1.0)).borders:
-        off = distances_to_line(border.corners, border.middles, closed=True)
-        assert off.max() <= np.sqrt(2) / 4 + 1e-9
 
 
 def test_crossings_sees_a_bow_tie():

@@ -15,7 +15,6 @@ from physgen.perceive.backends.boundary_support import support
 from physgen.perceive.document import write_scene
 from physgen.perceive.perceive import fit_objects, perceive
 from physgen.perceive.segment.prompts import from_masks
-from physgen.perceive.support.equilibrium import contacts, unstable_objects
 from physgen.perceive.support.supports import depth_inside, free_parts
 
 W, H = 256, 192
@@ -169,16 +168,6 @@ def test_a_slope_is_as_steep_as_it_is_and_holds_by_friction():
 
 def block(x: float, y: float, w: float, h: float) -> Region:
     return Region((Ring(np.array([[x, y - h], [x + w, y - h], [x + w, y], [x, y]], float)),))
-
-
-def test_three_balls_roll_apart_unless_something_is_beside_them():
-    ground = np.array([[-100.0, 0], [100, 0]])
-    balls = [
-        Disc(np.array([x, y]), 10.0) for x, y in ((-10.0, -10.0), (10.0, -10.0), (0.0, -10 - np.sqrt(300)))
-    ]
-    assert unstable_objects(balls, contacts(balls, [ground]), {}, default=0.1) != []
-    beside = [np.array([[s * 20.0, -40], [s * 20.0, 0]]) for s in (-1, 1)]
-    assert unstable_objects(balls, contacts(balls, [ground, *beside]), {}, default=0.1) == []
 
 
 def test_a_chain_is_cut_where_it_would_enter_something():

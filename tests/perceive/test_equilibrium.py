@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from physgen.geometry.polygon import Disc, Region, Ring
+from physgen.geometry.polygon import Region, Ring
 from physgen.perceive.support.equilibrium import (
     MANY,
     TILTED,
@@ -55,18 +55,6 @@ def test_a_block_over_an_edge_by_more_than_half_falls(side, over, stands):
     assert (unstable_objects([outline], contacts([outline], [edge]), {}) == []) is stands
 
 
-@pytest.mark.parametrize("side", [-1, 1])
-def test_a_leaning_plank_needs_its_wall(side):
-    plank = Region((Ring(turned(block(-4, 0, 8, 120).rings[0].outer, 20 * side) * (1, 1)),))
-    points = plank.rings[0].outer
-    ground = GROUND + np.array([0, points[:, 1].max()])
-    far = points[:, 0].max() if side > 0 else points[:, 0].min()
-    wall = np.array([[far, -300.0], [far, points[:, 1].max()]])
-    assert unstable_objects([plank], contacts([plank], [ground]), {}, default=0.6) == [0]
-    assert unstable_objects([plank], contacts([plank], [ground, wall]), {}, default=0.6) == []
-    assert unstable_objects([plank], contacts([plank], [ground, wall]), {}, default=0.02) == [0]
-
-
 def bricks(rows: int, across: int) -> list[Region]:
     return [block(24 * k + 12 * (row % 2), -12 * row, 24, 12) for row in range(rows) for k in range(across)]
 
@@ -82,17 +70,6 @@ def test_a_large_pile_stands_and_only_what_lacks_support_is_held():
     held = unstable_objects(pile, contacts(pile, [short]), {})
     assert held
     assert unstable_objects(pile, contacts(pile, [short]), {}, fixed=held) == []
-
-
-def test_what_is_known_of_a_group_stays_known():
-    pile = [*bricks(2, 2), Disc(np.array([300.0, -40.0]), 10.0)]
-    found = contacts(pile, [GROUND])
-    known: dict = {}
-    first = unstable_objects(pile, found, {}, known=known)
-    assert first == [4]
-    assert len(known) == 2
-    assert unstable_objects(pile, found, {}, known=known) == first
-    assert len(known) == 2
 
 
 def test_scipy_leaves_the_same_unbalanced():

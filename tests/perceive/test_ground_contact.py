@@ -85,13 +85,6 @@ def test_a_board_ends_where_its_edge_does(first: int, last: int):
         assert found == pytest.approx(end - 0.5, abs=0.5 if end == border else 2)
 
 
-def test_a_shadow_or_a_mark_ends_no_floor():
-    desk = board(0, W)
-    desk.rgb[:, 320:] = desk.rgb[:, 320:] // 2  # shade on wall and board alike
-    desk.rgb[181:195, 60:90] = (190, 60, 50)  # and a mark on the board
-    assert desk.walls()["floor"][[0, -1], 0].tolist() == [-0.5, W - 0.5]
-
-
 def test_a_floor_of_the_wall_s_colour_goes_on():
     """No edge is seen anywhere: nothing tells an end."""
     desk = board(150, 150)
@@ -118,15 +111,6 @@ def test_a_ball_gets_a_level_spot():
     under = np.interp([195, 200, 205], floor[:, 0], floor[:, 1])
     assert np.ptp(under) == 0
     assert -GAP <= penetration(floor, ball) <= 1e-6
-
-
-def test_what_is_carried_needs_no_floor():
-    desk = Desk()
-    below = [desk.block(100, 240, 50, 50), desk.block(160, 240, 50, 50)]
-    above = desk.block(130, 190, 50, 50)
-    assert is_carried(above, desk.labels, desk.things)
-    assert not any(is_carried(t, desk.labels, desk.things) for t in below)
-    assert set(desk.walls()) == {"frame", "floor"}
 
 
 def test_a_leaning_thing_is_not_carried():
@@ -165,12 +149,6 @@ def test_a_floor_runs_into_nothing_else():
             assert not [p for p in wall if left < p[0] < right and top < p[1] < bottom], name
 
 
-def test_cut_things_need_no_floor():
-    desk = Desk()
-    desk.block(-0.5, 260, 60, 80, cut=True)
-    assert set(desk.walls()) == {"frame"}
-
-
 def test_the_foot_is_the_edge_under_the_centre_of_mass():
     points = np.array([[0, 0], [40, 0], [38, 50], [30, 52], [10, 51], [2, 49]], float)
     stand = find_foot(PhotoObject(1, Region((Ring(points),))))
@@ -198,20 +176,6 @@ def test_views():
     setting = support()(table.rgb, table.labels, table.things, None)
     assert setting.view is View.TOP
     assert [wall.name for wall in setting.walls] == ["frame"]
-
-
-def test_one_thing_off_the_line_makes_no_hump_in_the_floor():
-    desk = Desk()
-    feet = (220.0, 220.6, 219.8, 220.3)
-    row = [desk.block(20 + 70 * k, y, 40, 50) for k, y in enumerate(feet)]
-    ball = desk.ball(340, 216.0, 20)
-    walls = desk.walls()
-    assert len(walls["floor"]) == 2
-    assert np.ptp(walls["floor"][:, 1]) == 0
-    for thing in desk.things[: len(row)]:
-        assert -GAP < -penetration(walls["floor"], thing) < GAP
-    (ledge,) = (wall for name, wall in walls.items() if name.startswith("ledge"))
-    assert -GAP < -penetration(ledge, ball) < GAP
 
 
 def test_a_row_on_a_floor_seen_askew_stands_on_one_straight_line():

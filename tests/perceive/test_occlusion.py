@@ -58,13 +58,6 @@ def test_what_is_painted_over_another_is_before_it(name: str) -> None:
     assert told(np.ascontiguousarray(flipped)) == {(2, 1)}
 
 
-def test_swapping_the_ids_swaps_the_order() -> None:
-    for first, second in OVERLAPPING.values():
-        labels = painted(first, second)
-        swapped = np.where(labels > 0, 3 - labels, 0).astype(np.uint16)
-        assert told(swapped) == {(1, 2)}
-
-
 @pytest.mark.parametrize(
     "masks",
     [

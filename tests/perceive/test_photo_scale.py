@@ -57,13 +57,6 @@ def test_agreement_makes_it_surer_and_disagreement_less_sure():
     assert apart.confidence < MIN_SCALE_CONFIDENCE
 
 
-def test_one_wrong_label_of_four_is_outvoted():
-    right = [("mug", box(82, 95)), ("apple", disc(75)), ("lemon", box(78, 58))]
-    found = told(*right, ("orange", disc(240)))
-    assert found is not None
-    assert found.pixels_per_meter == pytest.approx(1000, rel=0.1)
-
-
 def test_a_person_s_number_wins_and_an_unsure_one_is_only_mentioned():
     sure, unsure = Scale(700, 0.9, "from balls"), Scale(640, 0.3, "from a bottle")
     assert scale_entry(500, sure)[0] == 500

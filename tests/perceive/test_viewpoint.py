@@ -44,14 +44,3 @@ def test_a_background_hardly_seen_tells_nothing_wrong():
     for rows in (1, 2, 3):
         _, sure, _ = guess_view(rgb, labels, normals[:rows], 0, 10)
         assert 0.5 <= sure <= 0.98
-
-
-def test_a_mirrored_photo_gives_the_same_view():
-    rgb, labels, normals = row_of_boxes(192, 256)
-    labels[:, :60] = 0
-    turned = normals[:, ::-1] * np.array([-1, 1, 1], np.float32)
-    one = guess_view(rgb, labels, normals, 0, 8)
-    other = guess_view(*(np.ascontiguousarray(a[:, ::-1]) for a in (rgb, labels)), turned, 0, 8)
-    assert one[0] is other[0]
-    assert one[1] == pytest.approx(other[1], abs=0.02)
-    assert one[2] == other[2]

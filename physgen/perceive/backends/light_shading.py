@@ -28,15 +28,13 @@ def _shading(
     if found is None or (found.explained < LEAST and found.spots < 2):
         reason = "no object's shading shows the light; taken to come from above and the front"
         return LightGuess(FROM_ABOVE, 0.1, reason)
-    rival = max((score for _, score in found.others), default=0.0)
     explained = min(1.0, (found.explained + 0.05 * found.spots) / ENOUGH)
     known = min(1.0, found.trust + 0.2 * found.spots)
-    sure = round(0.1 + 0.8 * explained * (known * (1 - rival)) ** 0.5, 2)
+    sure = round(0.1 + 0.8 * explained * (known * (1 - found.rival)) ** 0.5, 2)
     spots = f" and {found.spots} highlights" if found.spots > 1 else ""
     reason = f"fitted to how objects are shaded{spots} ({found.explained:.0%} explained)"
-    return LightGuess(_scaled(found.light), sure, reason, tuple((_scaled(one), s) for one, s in found.others))
-
-
-def _scaled(light: DistantLight) -> DistantLight:
-    total = light.intensity + light.ambient
-    return DistantLight(light.direction, FULL * light.intensity / total, FULL * light.ambient / total)
+    total = found.light.intensity + found.light.ambient
+    scaled = DistantLight(
+        found.light.direction, FULL * found.light.intensity / total, FULL * found.light.ambient / total
+    )
+    return LightGuess(scaled, sure, reason)

@@ -38,6 +38,7 @@ class _Tuning:
     bulging: float = 0.9
     ball_z: float = 0.2  # z of the normals under which a ball's are not trusted
     other_z: float = 0.4  # and those of all others
+    elsewhere: float = 35.0  # degrees from a light at which others are its rivals
     below: float = 0.1  # cost of a light from straight below: lamps and skies are mostly above
     spot_gain: float = 0.25  # of highlights that all agree
     spot_angle: float = 12.0  # degrees within which they agree
@@ -74,8 +75,8 @@ class LightEstimate:
     spots: int
     """Highlights that agree."""
     trust: float
-    others: tuple[tuple[DistantLight, float], ...] = ()
-    """The next best, and the share of the best one's explanation that they reach."""
+    rival: float
+    """0..1: the share of its explanation that the best light from elsewhere reaches."""
 
 
 def estimate_light(
@@ -103,18 +104,12 @@ def fit_light(pairs: PixelPairs | None, spots: F32 | None = None) -> LightEstima
     direction, ratio = around[low[0]], float(AMBIENT[low[1]])
     agree = int((spots @ direction > np.cos(np.radians(2 * TUNING.spot_angle))).sum())
     explained = 0.0 if pairs is None else 1 - float(_misfit(pairs, direction[None])[0, low[1]])
-    gain, left = 1 - float(cost.min()), cost.min(axis=1)
-    others, taken = [], [direction]
-    for _ in range(2):
-        far = np.all([sky @ one < np.cos(np.radians(35)) for one in taken], axis=0)
-        if not far.any():
-            break
-        k = int(np.where(far, left, np.inf).argmin())
-        worth = max(1 - float(left[k]), 0) / max(gain, 1e-6)
-        taken.append(sky[k])
-        others.append((_light(sky[k], float(AMBIENT[cost[k].argmin()])), round(min(worth, 1.0), 3)))
+    elsewhere = cost[sky @ direction < np.cos(np.radians(TUNING.elsewhere))]
+    worth = max(1 - float(elsewhere.min()), 0) / max(1 - float(cost.min()), 1e-6) if elsewhere.size else 0.0
     trust = 0.0 if pairs is None else pairs.trust
-    return LightEstimate(_light(direction, ratio), max(explained, 0.0), agree, trust, tuple(others))
+    return LightEstimate(
+        _light(direction, ratio), max(explained, 0.0), agree, trust, round(min(worth, 1.0), 3)
+    )
 
 
 def _light(direction: F32, ratio: float) -> DistantLight:

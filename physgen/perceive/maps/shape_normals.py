@@ -11,11 +11,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.geometry.circles import robust_circle
+from physgen.geometry.polygon import Array
 from physgen.perceive.roles import F32, Mask
 
 COARSE = 56  # px, the longer side of the grid on which a cushion is inflated
 ITERATIONS = 90  # of conjugate gradients on that grid
-TRIES = 60  # circles through the border of a hidden ball
+TRIES = 8  # halves of the border of a hidden ball through which a circle is laid
 ARC = 0.55  # share of its border on one circle
 FIT = 0.03  # of the radius, that the border may be off it
 WITHIN = 0.97  # share of the mask inside it
@@ -127,47 +129,25 @@ def without_thin_parts(own: Mask, radius: int) -> Mask:
 
 
 def hidden_ball(body: Mask) -> tuple[tuple[float, float], float] | None:
-    """Centre and radius px of the ball that `body` (h, w) is a part of; None where its border is no circle's.
-
-    Circles through three points of the border (Fischler & Bolles 1981), the best refined by least squares.
-    """
+    """Centre and radius px of the ball that `body` (h, w) is a part of; None where its border is no circle's."""
     contours = cv2.findContours(np.pad(body, 1).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
     border = max(contours, key=len)[:, 0].astype(np.float64) - 1
-    n = len(border)
-    if n < 24:
+    if len(border) < 24:
         return None
-    best, on = None, np.zeros(n, np.bool_)
-    for k in range(TRIES):
-        start = k * n // TRIES
-        spread = n // 5 if k % 2 else n // 9
-        found = _fit_circle(border[[start, (start + spread) % n, (start + 2 * spread) % n]])
-        if found is None or found[1] > 2 * max(body.shape):
-            continue
-        near = _on_circle(border, *found)
-        if near.sum() > on.sum():
-            best, on = found, near
-    if best is None or on.mean() < ARC:
-        return None
-    center, radius = _fit_circle(border[on]) or best
+    half = np.arange(len(border) // 2)
+    stretches = [(half + k * len(border) // TRIES) % len(border) for k in range(TRIES)]
+    tries = [robust_circle(border[stretch]) for stretch in stretches]
+    best = max(tries, key=lambda circle: np.count_nonzero(_on_circle(border, circle)))
+    circle = robust_circle(border[_on_circle(border, best)])
+    x, y, radius = circle.tolist()
     rows, columns = np.nonzero(body)
-    within = np.hypot(columns - center[0], rows - center[1]) <= radius + 1.5
-    if _on_circle(border, center, radius).mean() < ARC or within.mean() < WITHIN:
+    within = np.hypot(columns - x, rows - y) <= radius + 1.5
+    if _on_circle(border, circle).mean() < ARC or within.mean() < WITHIN:
         return None
-    return center, radius + 0.5  # the border's pixels lie half a pixel within the outline
+    return (x, y), radius + 0.5  # the border's pixels lie half a pixel within the outline
 
 
-def _on_circle(border: NDArray[np.float64], center: tuple[float, float], radius: float) -> Mask:
-    off = np.abs(np.hypot(border[:, 0] - center[0], border[:, 1] - center[1]) - radius)
-    return np.asarray(off <= max(0.8, FIT * radius))
-
-
-def _fit_circle(points: NDArray[np.float64]) -> tuple[tuple[float, float], float] | None:
-    """The circle with the least algebraic error (Kasa 1976)."""
-    middle = points.mean(axis=0)
-    p = points - middle
-    matrix = np.column_stack([2 * p, np.ones(len(p))])
-    solution, _, rank, _ = np.linalg.lstsq(matrix, (p**2).sum(axis=1), rcond=None)
-    square = float(solution[2] + solution[:2] @ solution[:2])
-    if rank < 3 or square <= 0:
-        return None
-    return (float(solution[0] + middle[0]), float(solution[1] + middle[1])), float(np.sqrt(square))
+def _on_circle(border: Array, circle: Array) -> Mask:
+    """(n,) whether points of the border lie on a circle: x, y, radius."""
+    off = np.abs(np.hypot(border[:, 0] - circle[0], border[:, 1] - circle[1]) - circle[2])
+    return np.asarray(off <= max(0.8, FIT * circle[2]))
