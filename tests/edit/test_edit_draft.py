@@ -234,15 +234,3 @@ def test_a_file_that_another_program_changed_meanwhile_is_asked_about(
     assert again.send("/api/save").status_code == 409
     assert again.send("/api/save", resolve="theirs").status_code == 200
     assert (again.state["text"], first.scene.read_text()) == (theirs, theirs)
-
-
-def test_an_editor_that_ends_saved_leaves_nothing(killable: Callable[..., Killable]) -> None:
-    served = killable("physics/05-slide")
-    before = sorted(served.scene.parent.iterdir())
-    name = next(iter(served.look()["scene"]["objects"]))
-    served.edit({"set": ["objects", name, "mass"], "value": 77})
-    served.send("/api/save")
-    served.client.close()
-    served.process.terminate()
-    assert served.process.wait(60) == 0
-    assert [path for path in before if path.exists()] == [served.scene]

@@ -9,7 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from desk import NARROW, Desk, seated
+from desk import Desk, seated
 
 pytestmark = pytest.mark.slow
 
@@ -51,15 +51,6 @@ def disc(tmp_path: Path) -> Path:
     return tmp_path / "scene.yaml"
 
 
-def shown(desk: Desk) -> list[Any]:
-    """The tab that is chosen, the variant that edits go to, and that of the state."""
-    found: list[Any] = desk.page.evaluate(
-        "() => [document.querySelector('.variant-tab[aria-selected=true]').dataset.variant,"
-        " window.editor.variant, window.editor.state.variant]"
-    )
-    return found
-
-
 def held_back(desk: Desk, path: str) -> None:
     """What the page asks for there waits until `window.release()`."""
     desk.page.evaluate(
@@ -79,21 +70,6 @@ def held_back(desk: Desk, path: str) -> None:
 
 def said(desk: Desk, part: str = "status") -> str:
     return str(desk.page.inner_text(f"[data-part={part}]"))
-
-
-def test_saving_stays_in_the_tab(browser: Any, serving: Callable[..., Any], scene: Path) -> None:
-    """The answer is of that tab, so nothing else is shown meanwhile."""
-    with seated(browser, serving(scene).address) as desk:
-        desk.page.click("[data-variant=fast]")
-        desk.page.wait_for_function("() => window.editor.state.variant === 'fast'")
-        desk.drag((120, 80), (120, 40))
-        desk.settled()
-        with desk.page.expect_response(lambda r: r.url.endswith("/api/save")) as answer:
-            desk.page.keyboard.press("Control+s")
-        assert answer.value.json()["variant"] == "fast"
-        desk.page.wait_for_function("() => window.editor.state.file.saved && !window.editor.pending")
-        assert shown(desk) == ["fast", "fast", "fast"]
-        assert desk.errors == []
 
 
 def test_what_is_asked_while_a_correction_is_worked_out_waits_and_is_said_to(
@@ -155,42 +131,3 @@ def test_after_a_push_it_plays_once_and_is_back_where_it_can_be_pushed_again(
         desk.page.wait_for_function("() => window.editor.player.time > 0.4")
         desk.page.wait_for_function("() => window.editor.player.playing && window.editor.player.time < 0.2")
         assert desk.errors == []
-
-
-def test_what_is_tried_and_overtaken_is_no_error(
-    browser: Any, serving: Callable[..., Any], scene: Path
-) -> None:
-    """A browser's console tells of every answer that is no, which a drag that ends well is not."""
-    served = serving(scene)
-    with seated(browser, served.address) as desk:
-        grumbled: list[str] = []
-        desk.page.on("console", lambda m: grumbled.append(m.text) if m.type == "error" else None)
-        held_back(desk, "/api/preview")
-        desk.drag((120, 80), (160, 80))
-        desk.page.wait_for_function("() => window.editor.state.undo && !window.editor.pending")
-        with desk.page.expect_response(lambda r: r.url.endswith("/api/preview")) as answer:
-            desk.page.evaluate("() => window.release()")
-        assert answer.value.status == 200
-        assert answer.value.json()["overtaken"] is True
-        desk.settled()
-        assert not desk.page.evaluate("() => window.editor.player.trying")
-        assert grumbled == []
-
-
-def test_on_a_phone_no_tab_is_hidden_by_what_is_said(
-    browser: Any, serving: Callable[..., Any], scene: Path
-) -> None:
-    with seated(browser, serving(scene).address, viewport=NARROW, has_touch=True) as desk:
-        for scrolled in (0, 120, 2000):
-            desk.page.evaluate("y => scrollTo(0, y)", scrolled)
-            for kind in ("note", "error"):
-                desk.page.evaluate("kind => window.editor.say('Saved scene.yaml as it is', kind)", kind)
-                line, tabs, play = (
-                    desk.page.locator(f"[data-part={name}]").bounding_box()
-                    for name in ("status" if kind == "note" else "alarm", "tabs", "play")
-                )
-                assert 0 <= line["y"] <= NARROW["height"] - line["height"]
-                for other in (tabs, play):
-                    assert (
-                        line["y"] + line["height"] <= other["y"] or line["y"] >= other["y"] + other["height"]
-                    )

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import stat
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -137,20 +135,6 @@ def test_leaving_with_work_that_is_not_saved_asks(
         assert asked == ["beforeunload"]
 
 
-def test_saving_touches_one_line_and_keeps_the_files_mode(
-    browser: Any, serving: Callable[..., Any], scene: Path
-) -> None:
-    scene.chmod(0o640)
-    with seated(browser, serving(scene).address) as desk:
-        assert desk.page.is_disabled("[data-part=save]")
-        edit(desk, "objects.ball.mass", 75)
-        desk.page.click("[data-part=save]")
-        until(desk, "s.file.saved")
-        assert scene.read_text(encoding="utf-8") == SCENE.replace("mass: 50 ", "mass: 75 ")
-        assert stat.S_IMODE(scene.stat().st_mode) == 0o640
-        assert not list(scene.parent.glob("*~")), "nothing is left beside it"
-
-
 def test_a_second_window_sees_what_the_first_does(
     browser: Any, serving: Callable[..., Any], scene: Path
 ) -> None:
@@ -164,47 +148,6 @@ def test_a_second_window_sees_what_the_first_does(
         two.page.click("[data-part=undo]")
         until(one, "s.scene.objects.box.mass === 200")
         assert one.errors == []
-
-
-def test_what_happens_while_the_page_opens_is_seen(
-    browser: Any, serving: Callable[..., Any], scene: Path
-) -> None:
-    served = serving(scene)
-    written: list[str] = []
-
-    def late(route: Any) -> None:  # another program is quicker than the page's first question for news
-        if not written:
-            written.append(SCENE.replace("duration: 0.5", "duration: 0.7"))
-            scene.write_text(written[0], encoding="utf-8")
-            while served.look()["text"] != written[0]:
-                time.sleep(0.05)
-        route.continue_()
-
-    with seated(browser, served.address, held=("**/api/events*", late)) as desk:
-        until(desk, "s.scene.world.duration === 0.7")
-        assert written
-
-
-def test_what_happens_while_an_answer_is_on_its_way_is_seen(
-    browser: Any, serving: Callable[..., Any], scene: Path
-) -> None:
-    served = serving(scene)
-    edits: list[Any] = []
-
-    def late(
-        route: Any,
-    ) -> None:  # this page's edit is made; then somebody else's, of which the page hears at once
-        answer = route.fetch()
-        if not edits:
-            served.look()
-            edits.append(served.edit({"set": ["objects", "box", "mass"], "value": 300}))
-            time.sleep(1)
-        route.fulfill(response=answer)
-
-    with seated(browser, served.address, held=("**/api/edit", late)) as desk:
-        edit(desk, "objects.ball.mass", 75)
-        until(desk, "s.scene.objects.box.mass === 300 && s.scene.objects.ball.mass === 75")
-        assert edits
 
 
 def test_what_another_program_writes_is_taken_or_asked_about(

@@ -120,16 +120,6 @@ def test_what_leaves_the_world_alone_keeps_its_motion(tmp_path: Path) -> None:
     assert called["bodies"][0]["label"] == "puck"
 
 
-def test_motions_that_others_replaced_are_gone(tmp_path: Path) -> None:
-    live = Live(scene(tmp_path, FREE % ""))
-    first = live.look(FREE % "").motion
-    assert first is not None
-    for speed in range(10):
-        live.look(FREE % f", velocity: [{speed}, 0]", motion_only=True)
-    assert live.more(first["key"], 0) is None
-    assert live.more("none", 0) is None
-
-
 def test_an_error_has_a_line_an_object_and_no_motion(tmp_path: Path) -> None:
     live = Live(scene(tmp_path, FREE % ""))
     look = live.look(FREE % ", friction: rough")

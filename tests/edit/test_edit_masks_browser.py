@@ -9,7 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from desk import NARROW, Desk, seated
+from desk import Desk, seated
 from numpy.typing import NDArray
 
 from physgen.pipeline import load
@@ -193,50 +193,4 @@ def test_a_line_cuts_and_join_heals(browser: Any, serving: Callable[..., Any], s
         desk.page.click("[data-part=undo]")
         desk.settled()
         assert not desk.page.is_enabled("[data-part=undo]")
-        assert desk.errors == []
-
-
-def test_a_new_thing_is_drawn_named_and_taken_away(
-    browser: Any, serving: Callable[..., Any], scene: Path
-) -> None:
-    served = serving(scene)
-    names = set(served.look()["scene"]["objects"])
-    corners = [(300, 300), (360, 300), (360, 340), (300, 340)]
-    with seated(browser, served.address) as desk:
-        masking(desk, "polygon", None)
-        for corner in corners:
-            desk.click(corner)
-        desk.page.keyboard.press("Enter")
-        done(desk)
-        (new,) = set(served.look()["scene"]["objects"]) - names
-        made = shown(served, new)
-        want = np.zeros(made.shape, bool)
-        want[300:341, 300:361] = True
-        assert overlap(made, want) > 0.93
-        desk.page.fill(".mask-label input", "wooden block")
-        desk.page.press(".mask-label input", "Enter")
-        done(desk)
-        entry = served.look()["scene"]["objects"][new]
-        assert entry["label"] == "wooden block"
-        assert entry["friction"] == pytest.approx(0.45, abs=0.15), "wood's, by the table"
-        desk.page.evaluate("name => window.editor.edit([{remove: ['objects', name]}], 'away')", new)
-        desk.settled()
-        assert set(served.look()["scene"]["objects"]) == names
-        assert desk.errors == []
-
-
-def test_with_a_finger_on_a_small_screen(browser: Any, serving: Callable[..., Any], scene: Path) -> None:
-    served = serving(scene)
-    before = shown(served)
-    how = {"viewport": NARROW, "has_touch": True, "is_mobile": True, "color_scheme": "dark"}
-    with seated(browser, served.address, **how) as desk:
-        masking(desk, "eraser")
-        sized(desk, 6)
-        assert desk.grave(".mask-strip") == []
-        assert desk.page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")
-        desk.page.evaluate("() => document.querySelector('[data-part=stage]').scrollIntoView()")
-        desk.page.touchscreen.tap(*desk.at(CENTRE))
-        done(desk)
-        gone = before & ~shown(served)
-        assert overlap(gone, along(CENTRE, CENTRE, 6, before.shape)) > 0.75
         assert desk.errors == []

@@ -94,18 +94,6 @@ def test_the_picture_outlasts_edits_of_what_moves_it(copied: Copy) -> None:
     assert other != base
 
 
-def test_an_object_put_elsewhere_says_where_its_picture_is_from(copied: Copy) -> None:
-    """`rest` is its centre in the photo, turned back by as much as it was turned."""
-    path = copied("wall-ball")
-    live, text = Live(path), path.read_text()
-    centre = live.look(text).derived["objects"]["old-ball"]["centre"]  # type: ignore[index]
-    look = live.look(changed(text, "objects.old-ball.place=[200, 100, 90]"))
-    assert look.motion is not None
-    rests = {body["name"]: body.get("rest") for body in look.motion["bodies"]}
-    assert rests["ball"] is None
-    np.testing.assert_allclose(rests["old-ball"], [*centre, -np.pi / 2], atol=1e-3)
-
-
 def test_shadows_go_with_the_motion_that_throws_them(copied: Copy) -> None:
     """The shadow of a ball lies where its sample says; of one that was put elsewhere, there."""
     path = copied("billiards")

@@ -96,26 +96,6 @@ def test_a_dragged_arrow_is_the_velocity_and_the_page_shows_the_true_motion(
         assert desk.errors == []
 
 
-def test_while_it_is_dragged_the_motion_is_shown_and_nothing_is_kept(
-    browser: Any, serving: Callable[..., Any], scene: Path
-) -> None:
-    with seated(browser, serving(scene).address) as desk:
-        before = desk.state["version"]
-        desk.page.mouse.move(*desk.at((120, 80)))
-        desk.page.mouse.down()
-        desk.page.mouse.move(*desk.at((180, 80)), steps=8)
-        desk.page.wait_for_function("() => window.editor.player.trying")
-        tried = desk.page.evaluate("() => window.editor.player.run.data.bodies[0].vx[0]")
-        assert tried > 0
-        assert desk.state["version"] == before
-        desk.page.keyboard.press("Escape")
-        desk.page.wait_for_function("() => !window.editor.player.trying")
-        desk.page.mouse.up()
-        desk.settled()
-        assert desk.state["version"] == before
-        assert desk.page.evaluate("() => window.editor.player.run.data.bodies[0].vx[0]") == 0
-
-
 def test_impulse_force_and_spin(
     browser: Any, serving: Callable[..., Any], scene: Path, tmp_path: Path
 ) -> None:
@@ -200,19 +180,6 @@ def test_the_run_before_stays_in_sight_and_time_can_be_scrubbed(
         desk.page.click("[data-part=play]")
         desk.page.wait_for_function("() => +document.body.dataset.time > 0.05")
         assert desk.errors == []
-
-
-def test_a_push_on_a_scene_that_cannot_be_read_says_why_nothing_happens(
-    browser: Any, serving: Callable[..., Any], scene: Path
-) -> None:
-    with seated(browser, serving(scene).address) as desk:
-        desk.page.evaluate("() => window.editor.putText(window.editor.state.text + 'objects: [')")
-        desk.settled()
-        text = desk.state["text"]
-        desk.drag((120, 80), (180, 60))
-        assert "mend its text first" in desk.page.inner_text("[data-part=status]")
-        desk.settled()
-        assert desk.state["text"] == text
 
 
 def test_what_is_pinned_is_not_pushed_and_what_is_deleted_comes_back(

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from desk import NARROW, Desk, seated
+from desk import seated
 
 from physgen.cli.main import main
 
@@ -30,10 +30,6 @@ variants:
 def scene(tmp_path: Path) -> Path:
     (tmp_path / "scene.yaml").write_text(SCENE, encoding="utf-8")
     return tmp_path / "scene.yaml"
-
-
-def status(desk: Desk) -> Any:
-    return desk.page.evaluate("() => window.editor.request('GET', '/api/render')")
 
 
 def test_a_variant_is_rendered_and_the_copied_command_makes_the_same(
@@ -72,74 +68,3 @@ def test_a_variant_is_rendered_and_the_copied_command_makes_the_same(
     assert main(command[1:]) == 0
     capsys.readouterr()
     assert next((tmp_path / "told").rglob("video.mp4")).read_bytes() == made
-
-
-def test_what_is_rendered_waits_for_what_was_done(
-    browser: Any, serving: Callable[..., Any], scene: Path
-) -> None:
-    edits: list[Any] = []
-    orders: list[dict[str, Any]] = []
-
-    def asked(route: Any) -> None:
-        if route.request.url.endswith("/api/edit"):
-            edits.append(route)
-        elif route.request.url.endswith("/api/render") and route.request.method == "POST":
-            orders.append(route.request.post_data_json)
-            stale = {"version": 9} if len(orders) == 1 else {}  # somebody else was quicker
-            told = {"error": {"message": "not today", "fix": ""}, "problems": [], **stale}
-            route.fulfill(status=409, json=told)
-        else:
-            route.continue_()
-
-    with seated(browser, serving(scene).address, held=("**/api/**", asked)) as desk:
-        desk.panel("render")
-        desk.page.evaluate(
-            "() => { window.editor.edit([{set: ['objects', 'ball', 'mass'], value: 75}], 'heavier'); }"
-        )
-        while not edits:
-            desk.page.wait_for_timeout(20)
-        desk.page.click(".render .main")
-        desk.page.wait_for_timeout(300)
-        assert desk.page.is_disabled(".render .main")
-        assert orders == []
-        edits[0].continue_()
-        desk.page.wait_for_selector("text=not today")
-        assert [order["version"] for order in orders] == [2, 2]
-        assert desk.state["version"] == 2
-        assert desk.page.is_enabled(".render .main")
-
-
-def test_a_long_render_tells_how_far_it_is_and_is_stopped(
-    browser: Any, serving: Callable[..., Any], scene: Path, tmp_path: Path
-) -> None:
-    long = SCENE.replace("duration: 0.4", "duration: 4") + "render: {fps: 1000, supersample: 4}\n"
-    scene.write_text(long, encoding="utf-8")
-    served = serving(scene, output=tmp_path / "page")
-    with seated(browser, served.address) as desk:
-        desk.panel("render")
-        desk.page.click(".render .main")
-        desk.page.wait_for_selector(".render-running progress[value]")
-        assert desk.page.is_disabled(".render .main"), "one at a time"
-        assert desk.page.inner_text("#tab-render").endswith("%")
-        assert desk.grave("#panel-render") == []
-        desk.page.click("text=Stop")
-        desk.page.wait_for_selector(".render-running", state="hidden")
-        assert status(desk)["state"] == "stopped"
-        assert desk.page.is_enabled(".render .main")
-        assert not list((tmp_path / "page").rglob("video.mp4")), "no half of a video"
-        assert desk.errors == []
-
-
-def test_a_file_with_an_error_is_not_rendered(browser: Any, serving: Callable[..., Any], scene: Path) -> None:
-    scene.write_text(SCENE.replace("mass: 50", "mass: heavy"), encoding="utf-8")
-    how = {"viewport": NARROW, "has_touch": True, "is_mobile": True, "color_scheme": "dark"}
-    with seated(browser, serving(scene).address, **how) as desk:
-        desk.panel("render")
-        assert desk.page.is_disabled(".render .main")
-        assert "errors" in str(desk.page.get_attribute(".render .main", "title"))
-        assert desk.page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")
-        desk.panel("todo")
-        top = "() => document.querySelector('#panel-todo').getBoundingClientRect().top < 0.6 * innerHeight"
-        assert desk.page.evaluate(top), "below the photo, and brought up"
-        desk.page.click(".todo-item.error .todo-what")
-        assert desk.page.evaluate("() => window.editor.panel") == "yaml", "it leads to its line"

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from served import Served, document
 
-from physgen.edit.app import BODY, Guard, part
+from physgen.edit.app import BODY, Guard
 from physgen.files import resource
 
 Serve = Callable[..., Served]
@@ -75,12 +75,6 @@ def test_another_name_for_this_machine_is_refused(host, serving: Serve) -> None:
         assert status in (400, 403)
 
 
-def test_the_names_of_this_machine_are_served(serving: Serve) -> None:
-    served = serving("physics/05-slide")
-    for name in ("127.0.0.1", "localhost", "LOCALHOST", "[::1]"):
-        assert asked(served, "GET", "/api/state", Host=f"{name}:{port(served)}")[0] == 200
-
-
 def test_two_hosts_or_none_are_refused(serving: Serve) -> None:
     served = serving("physics/05-slide")
     good = f"Host: 127.0.0.1:{port(served)}\r\n"
@@ -109,13 +103,6 @@ def test_a_page_of_another_site_is_refused(key, value, serving: Serve) -> None:
         assert status == 403
         assert json.loads(body)["error"]["fix"]
     assert asked(served, "POST", "/api/save", **headers)[0] == 403
-
-
-def test_our_own_page_is_answered(serving: Serve) -> None:
-    served = serving("physics/05-slide")
-    own = {"Origin": f"http://127.0.0.1:{port(served)}", "Sec_Fetch_Site": "same-origin"}
-    assert asked(served, "GET", "/api/state", **own)[0] == 200
-    assert asked(served, "GET", "/", Sec_Fetch_Site="cross-site")[0] == 200  # a link that was followed
 
 
 def test_no_site_is_told_that_it_may_read(serving: Serve) -> None:
@@ -179,14 +166,6 @@ def test_only_the_parts_of_the_page_are_served(name, serving: Serve) -> None:
     status, body = asked(served, "GET", f"/static/{name}")
     assert status == 404
     assert json.loads(body)["error"]["fix"]
-
-
-def test_parts_are_files_of_the_package() -> None:
-    folder = resource("templates", "edit")
-    for file in folder.iterdir():
-        if file.suffix in (".js", ".css"):
-            assert part(f"edit/{file.name}") == file.read_bytes()
-    assert part("player.js") is not None
 
 
 def test_a_scene_reads_nothing_outside_its_folder(serving: Serve, tmp_path: Path) -> None:

@@ -116,18 +116,6 @@ def test_what_is_no_text_is_not_taken_for_the_scene(serving: Serve) -> None:
     assert served.scene.read_text() == text
 
 
-def test_a_save_is_not_taken_for_another_program(serving: Serve) -> None:
-    served = serving("physics/05-slide")
-    served.look()
-    name = next(iter(served.state["scene"]["objects"]))
-    served.edit({"set": ["objects", name, "mass"], "value": 12})
-    served.send("/api/save")
-    version = served.state["version"]
-    with hearing(served, "file") as next_one:
-        served.scene.write_text(served.state["text"] + "# theirs\n")
-        assert next_one()["version"] == version + 1  # theirs is the first that was noticed
-
-
 def test_a_change_that_cannot_be_taken_in_is_looked_at_again(serving: Serve, monkeypatch) -> None:
     served = serving("physics/05-slide")
     text = served.look()["text"] + "# theirs\n"
@@ -274,23 +262,6 @@ def test_maps_are_written_where_the_scene_may_read_them_and_over_no_others(
     assert maps_of(tmp_path / "victim.assets") == kept[tmp_path / "victim.assets"]
 
 
-def test_of_a_scene_behind_a_link_the_maps_beside_the_link_are_written(
-    serving: Serve, disc: Path, tmp_path: Path
-) -> None:
-    path = disc
-    seat = tmp_path / "seat"
-    shutil.copytree(path.parent, seat)
-    (seat / "scene.yaml").unlink()
-    (seat / "scene.yaml").symlink_to(path)
-    before = maps_of(seat / "photo.assets")
-    served = serving(seat / "scene.yaml")
-    erased(served)
-    assert served.send("/api/save").status_code == 200
-    assert maps_of(path.with_name("photo.assets")) == before
-    assert maps_of(seat / "photo.assets") != before
-    assert path.read_text() == served.state["text"]
-
-
 def test_maps_and_text_are_written_both_or_neither(serving: Serve, disc: Path, monkeypatch) -> None:
     served = serving(disc)
     assets, text = served.scene.with_name("photo.assets"), served.scene.read_text()
@@ -312,13 +283,6 @@ def test_maps_and_text_are_written_both_or_neither(serving: Serve, disc: Path, m
 
 
 # The command
-
-
-def test_help_shows_an_example(capsys) -> None:
-    with pytest.raises(SystemExit) as stop:
-        main(["edit", "--help"])
-    assert stop.value.code == 0
-    assert "example: physgen edit scene.yaml" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

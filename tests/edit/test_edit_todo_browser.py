@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from desk import NARROW, seated
+from desk import seated
 
 from physgen.pipeline import load
 
@@ -63,15 +63,3 @@ def test_doubts_are_a_list_that_gets_shorter(
     assert (ball.mass, box.mass, box.friction) == (50, 200, 0.3), "the numbers stay"
     assert not ball.provenance
     assert set(box.provenance) <= {"mass"}
-
-
-def test_a_list_for_everybody(browser: Any, serving: Callable[..., Any], tmp_path: Path) -> None:
-    scene = tmp_path / "scene.yaml"
-    scene.write_text(SCENE, encoding="utf-8")
-    served = serving(scene)
-    for how in ({"color_scheme": "dark"}, {"viewport": NARROW, "has_touch": True, "is_mobile": True}):
-        with seated(browser, served.address, **how) as desk:
-            desk.panel("todo")
-            assert desk.grave("#panel-todo") == []
-            desk.page.click(".todo-item .link")
-            assert desk.page.evaluate("() => document.activeElement.dataset.part") == "yaml"

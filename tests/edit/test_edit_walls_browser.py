@@ -69,23 +69,6 @@ def test_what_falls_lands_on_a_floor_that_was_drawn(
         assert desk.errors == []
 
 
-def test_a_chain_is_clicked_from_point_to_point(
-    browser: Any, serving: Callable[..., Any], scene: Path
-) -> None:
-    with seated(browser, serving(scene).address) as desk:
-        desk.tool("wall")
-        for point in ((60, 200), (90, 260), (160, 262)):
-            desk.click(point)
-        desk.page.keyboard.press("Enter")
-        desk.settled()
-        chain = desk.state["scene"]["boundaries"]["wall"]["polyline"]
-        np.testing.assert_allclose(chain, [(60, 200), (90, 260), (160, 262)], atol=5)
-        desk.click((200, 200))
-        desk.page.keyboard.press("Escape")
-        desk.settled()
-        assert list(desk.state["scene"]["boundaries"]) == ["wall"]
-
-
 def test_things_are_picked_up_turned_and_put_elsewhere(
     browser: Any, serving: Callable[..., Any], scene: Path
 ) -> None:
@@ -191,47 +174,3 @@ def test_a_spring_holds_and_a_wind_blows(browser: Any, serving: Callable[..., An
         desk.settled()
         assert desk.state["scene"]["joints"]["spring"]["stiffness"] == 5000
         assert desk.errors == []
-
-
-def test_what_joints_hold_to_a_thing_goes_along_and_what_rests_goes_on_resting(
-    browser: Any, serving: Callable[..., Any], tmp_path: Path
-) -> None:
-    (tmp_path / "cart.yaml").write_text(
-        """\
-physgen: 1
-size: [480, 320]
-world: {duration: 0.5}
-objects:
-  body: {shape: {box: {center: [120.25, 263.37], size: [80, 20]}}}
-  rear: {shape: {circle: {center: [95, 281.13], radius: 12}}}
-  front: {shape: {circle: {center: [145, 281.13], radius: 12}}}
-  post: {shape: {box: {center: [400, 200], size: [10, 10]}}, motion: static}
-joints:
-  rear-axle: {objects: [rear, body], pivot: [95, 281.13]}
-  front-axle: {objects: [front, body], pivot: [145, 281.13]}
-  line: {objects: [body, post], spring: [[160, 263.37], [400, 200]], stiffness: 10}
-boundaries:
-  floor: {segment: [[-500, 293.13], [900, 293.13]]}
-""",
-        encoding="utf-8",
-    )
-    with seated(browser, serving(tmp_path / "cart.yaml").address) as desk:
-        desk.tool("move")
-        desk.drag((120, 262), (150, 262), (180, 263))  # level, but for a pixel of the hand
-        desk.settled()
-        objects, joints = desk.state["scene"]["objects"], desk.state["scene"]["joints"]
-        x, y = objects["body"]["shape"]["box"]["center"]
-        assert y == 263.37
-        shift = x - 120.25
-        assert shift == pytest.approx(60, abs=1.5)
-        for name, was in (("rear", 95), ("front", 145)):
-            center = objects[name]["shape"]["circle"]["center"]
-            assert center == pytest.approx([was + shift, 281.13], abs=0.011)
-            assert joints[f"{name}-axle"]["pivot"] == pytest.approx(center, abs=0.011)
-        held, far = joints["line"]["spring"]
-        assert held == pytest.approx([160 + shift, 263.37], abs=0.011)
-        assert far == [400, 200]
-        assert desk.way("rear")[-1, 1] == pytest.approx(281.13, abs=0.2)  # on the floor, as it was
-        desk.page.keyboard.press("ArrowLeft")
-        desk.settled()
-        assert desk.state["scene"]["objects"]["rear"]["shape"]["circle"]["center"][1] == 281.13

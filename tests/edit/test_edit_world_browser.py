@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from desk import NARROW, Desk, seated
+from desk import Desk, seated
 
 pytestmark = pytest.mark.slow
 
@@ -213,39 +213,3 @@ def test_nothing_keeps_people_out(browser: Any, serving: Callable[..., Any], sce
         assert desk.grave("#panels") == []
         desk.page.keyboard.press("?")
         assert desk.grave("dialog") == []
-
-
-def test_a_narrow_window_holds_it_all(browser: Any, serving: Callable[..., Any], scene: Path) -> None:
-    with seated(browser, serving(scene).address, viewport=NARROW, has_touch=True) as desk:
-        for panel in ("object", "world"):
-            desk.panel(panel)
-            if panel == "object":
-                desk.choose("ball")
-            wide = desk.page.evaluate("() => document.documentElement.scrollWidth")
-            assert wide <= NARROW["width"]
-            small = desk.page.evaluate(
-                "() => [...document.querySelectorAll('button, select, .panel input:not([type=checkbox])')]"
-                ".filter(e => e.offsetParent && !e.closest('.entries, .skip')).map(e => [e.getBoundingClientRect(), e])"
-                ".filter(([b]) => b.height < 39 || b.width < 24).map(([b, e]) => e.outerHTML.slice(0, 90))"
-            )
-            assert small == [], "\n".join(small)
-        # a finger pushes
-        desk.page.evaluate("() => scrollTo(0, 0)")  # the panels are below the photo
-        x, y = desk.at((120, 80))
-        cdp = desk.page.context.new_cdp_session(desk.page)
-        touch = lambda kind, *points: cdp.send(  # noqa: E731
-            "Input.dispatchTouchEvent", {"type": kind, "touchPoints": [{"x": a, "y": b} for a, b in points]}
-        )
-        touch("touchStart", (x, y))
-        for k in range(1, 6):
-            touch("touchMove", (x + 8 * k, y))
-        touch("touchEnd")
-        desk.settled()
-        assert desk.state["scene"]["objects"]["ball"]["velocity"][0] > 0
-        # two fingers enlarge
-        before = desk.page.evaluate("() => window.editor.stage.view.scale")
-        touch("touchStart", (x, y + 60), (x + 40, y + 60))
-        for k in range(1, 6):
-            touch("touchMove", (x - 8 * k, y + 60), (x + 40 + 8 * k, y + 60))
-        touch("touchEnd")
-        assert desk.page.evaluate("() => window.editor.stage.view.scale") > 1.5 * before

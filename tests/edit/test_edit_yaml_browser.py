@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from desk import NARROW, Desk, seated
+from desk import Desk, seated
 
 from physgen.pipeline import load
 
@@ -93,39 +93,6 @@ def test_what_is_typed_is_applied_and_marked_where_it_is_wrong(
         assert desk.errors == []
 
 
-def test_undo_in_the_text_is_the_editors_when_nothing_waits(
-    browser: Any, serving: Callable[..., Any], scene: Path
-) -> None:
-    served = serving(scene)
-    with seated(browser, served.address) as desk:
-        desk.panel("yaml")
-        desk.put_caret("mass: 200", after=len("mass: 2"))
-        desk.page.keyboard.type("5")
-        desk.settled()
-        desk.page.keyboard.type("9")
-        desk.page.keyboard.press("Control+z")  # nobody has heard of the 9 yet: the field's own undo
-        assert "mass: 2500" in desk.text
-        assert "59" not in desk.text
-        desk.settled()
-        desk.page.keyboard.press("Control+z")
-        desk.page.wait_for_function("want => window.editor.state.text === want", arg=SCENE)
-        assert desk.text == SCENE
-        desk.page.keyboard.press("Control+y")
-        desk.page.wait_for_function("() => window.editor.state.text.includes('mass: 2500')")
-        assert "mass: 2500" in desk.text
-        # Enter goes on as deep as the line was, Ctrl / makes a comment, and back
-        desk.put_caret("mass: 2500", after=len("mass: 2500"))
-        desk.page.keyboard.press("Enter")
-        desk.page.keyboard.type("friction: 0.25")
-        desk.settled()
-        assert desk.state["scene"]["objects"]["box-1"]["friction"] == 0.25
-        desk.page.keyboard.press("Control+/")
-        desk.settled()
-        assert "#     friction: 0.25\n" in desk.text
-        assert desk.state["scene"]["objects"]["box-1"]["friction"] == 0.5, "the default"
-        assert desk.errors == []
-
-
 def kept(desk: Desk, held: list[Any], letters: str) -> None:
     """Letters are typed, and on their way once this returns: `held` has their request."""
     desk.page.keyboard.type(letters)
@@ -162,36 +129,6 @@ def test_what_is_saved_is_what_was_typed(browser: Any, serving: Callable[..., An
         desk.page.wait_for_function("() => window.editor.state.file.saved")
         assert scene.read_text() == desk.text == SCENE.replace("mass: 50\n", "mass: 50123\n")
         assert desk.errors == []
-
-
-def test_a_text_that_is_refused_is_not_sent_again_and_again(
-    browser: Any, serving: Callable[..., Any], scene: Path
-) -> None:
-    asked: list[str] = []
-
-    def refuse(route: Any) -> None:
-        asked.append(route.request.post_data_json["text"])
-        if "large" in asked[-1]:
-            told = {"error": {"message": "the file would be larger", "fix": ""}, "problems": []}
-            route.fulfill(status=413, json=told)
-        else:
-            route.continue_()
-
-    with seated(browser, serving(scene).address, held=("**/api/text", refuse)) as desk:
-        desk.panel("yaml")
-        desk.put_caret("mass: 50", after=len("mass: 50"))
-        desk.page.keyboard.insert_text("  # large")
-        desk.page.wait_for_selector("text=the file would be larger")
-        desk.page.wait_for_timeout(1000)
-        assert len(asked) == 1
-        desk.page.keyboard.press("Control+s")  # somebody asks for it
-        desk.page.wait_for_function("() => !window.editor.pending")
-        assert len(asked) == 2
-        assert desk.page.inner_text("[data-part=status]") == ""
-        for _ in "large":
-            desk.page.keyboard.press("Backspace")
-        desk.settled()
-        assert desk.state["text"] == SCENE.replace("mass: 50\n", "mass: 50  # \n")
 
 
 def test_edits_from_elsewhere_come_into_the_text_and_leave_what_is_typed(
@@ -245,59 +182,3 @@ def test_the_chosen_objects_lines_are_marked_both_ways(
         assert desk.page.evaluate("() => window.editor.selected") == {"kind": "object", "name": "box-1"}
         desk.drawn()
         assert marks(desk, "chosen") == [9, 10, 11]
-
-
-def test_a_long_file_scrolls_and_is_marked_at_its_end(
-    browser: Any, serving: Callable[..., Any], tmp_path: Path
-) -> None:
-    """Only the lines in sight are drawn; a chosen thing far down comes into sight."""
-    rows = "".join(
-        f"  ball-{k}: {{shape: {{circle: {{center: [{10 + k % 40 * 20}, {10 + k // 40 * 20}], radius: 4}}}}}}\n"
-        for k in range(400)
-    )
-    path = tmp_path / "scene.yaml"
-    path.write_text(
-        f"physgen: 1\nsize: [820, 420]\nworld: {{duration: 0.1, gravity: [0, 0]}}\nobjects:\n{rows}"
-    )
-    with seated(browser, serving(path).address) as desk:
-        desk.panel("yaml")
-        desk.choose("ball-390")
-        desk.page.wait_for_selector(".yaml-number.chosen")
-        assert marks(desk, "chosen") == [4 + 391]
-        assert desk.page.locator(".yaml-line").count() < 80
-        # the drawing lies under the field's own letters: the same line at the same height
-        drawn, top = desk.page.evaluate(
-            "() => { const f = document.querySelector('[data-part=yaml]');"
-            " const row = document.querySelector('.yaml-line.chosen').getBoundingClientRect();"
-            " const style = getComputedStyle(f);"
-            " return [row.top, f.getBoundingClientRect().top + parseFloat(style.paddingTop)"
-            "   + 394 * parseFloat(style.lineHeight) - f.scrollTop]; }"
-        )
-        assert abs(drawn - top) < 1
-
-
-def test_windows_line_ends_stay(browser: Any, serving: Callable[..., Any], tmp_path: Path) -> None:
-    path = tmp_path / "scene.yaml"
-    path.write_bytes(SCENE.replace("\n", "\r\n").encode())
-    with seated(browser, serving(path).address) as desk:
-        desk.panel("yaml")
-        desk.put_caret("mass: 50", after=len("mass: 5"))
-        desk.page.keyboard.type("5")
-        desk.settled()
-        desk.page.keyboard.press("Control+s")
-        desk.page.wait_for_function("() => window.editor.state.file.saved")
-    assert path.read_bytes() == SCENE.replace("mass: 50\n", "mass: 550\n").replace("\n", "\r\n").encode()
-
-
-def test_the_panel_is_for_everybody(browser: Any, serving: Callable[..., Any], scene: Path) -> None:
-    scene.write_text(SCENE.replace("mass: 50\n", "mass: heavy\n"), encoding="utf-8")
-    served = serving(scene)
-    for how in ({"color_scheme": "dark"}, {"viewport": NARROW, "has_touch": True, "is_mobile": True}):
-        with seated(browser, served.address, **how) as desk:
-            desk.panel("yaml")
-            desk.page.wait_for_selector(".yaml-problems button")
-            assert desk.grave("#panel-yaml") == []
-            assert desk.page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")
-            desk.page.focus("[data-part=yaml]")
-            desk.page.keyboard.press("Tab")  # no trap
-            assert desk.page.evaluate("() => document.activeElement.matches('.yaml-problems button')")
