@@ -15,18 +15,16 @@ from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, Query, Request, Security
 from fastapi.security import APIKeyHeader
-from pydantic import BeforeValidator, Field, JsonValue
+from pydantic import Field, JsonValue
 from starlette.responses import FileResponse, JSONResponse, Response
 
 from physgen.edit.errors import EditError, Why, overtaken
-from physgen.edit.operations import Body, Op, whole
+from physgen.edit.operations import Body, Op
 from physgen.edit.render_job import RenderJob
-from physgen.edit.session import EditRequest, Session
+from physgen.edit.session import EditRequest, Session, Words
 
 TOKEN = "x-physgen-token"
 MAX_OPS = 1000
-MAX_WORDS = 200
-"""Characters of names, and of what an edit is called."""
 MAX_SAMPLE = 10**8
 MAX_EVENT = 2**53 - 1
 KEPT_EVENTS = 1000
@@ -86,45 +84,29 @@ Served = Annotated[Services, Depends(services_of)]
 
 # Requests
 
-Whole = Annotated[int, Field(strict=True, ge=0, le=2**53 - 1), BeforeValidator(whole)]
-Words = Annotated[str, Field(max_length=MAX_WORDS)]
 
-
-class Edit(Body):
-    """An edit of the version that the page shows, in the file or in a variant."""
-
-    version: Whole
-    variant: Words | None = None
-    what: Words | None = None
-    tag: Words | None = None
-
-    def request(self) -> EditRequest:
-        """For the session."""
-        return EditRequest(self.version, self.variant or None, self.what or "", self.tag)
-
-
-class Operations(Edit):
+class Operations(EditRequest):
     """Operations, all or none; a path is a list of keys and of indices from 0."""
 
     ops: Annotated[list[Op], Field(max_length=MAX_OPS)]
 
 
-class Text(Edit):
+class Text(EditRequest):
     text: str
 
 
-class Save(Edit):
+class Save(EditRequest):
     resolve: Literal["mine", "theirs"] | None = None
 
 
-class MaskEdit(Edit):
+class MaskEdit(EditRequest):
     """A correction of masks; see physgen.edit.masks for the operations."""
 
     op: dict[str, JsonValue]
 
 
 class Render(Body):
-    version: Whole | None = None
+    version: Annotated[int, Field(ge=0)] | None = None
     variants: Annotated[list[Words | None], Field(max_length=MAX_OPS)] | None = None
     format: Words | None = None
     refine: bool | None = None
@@ -207,14 +189,14 @@ def events(served: Served, run: str = "", since: Annotated[int, Query(ge=0, le=M
 @api.post("/api/edit")
 def edit(served: Served, body: Operations) -> Response:
     """Make operations, all or none."""
-    return JSONResponse(served.session.edit(body.request(), body.ops))
+    return JSONResponse(served.session.edit(body, body.ops))
 
 
 @api.post("/api/preview")
 def preview(served: Served, body: Operations) -> Response:
     """The motion that operations would give; `overtaken` where the page showed an older version."""
     try:
-        return JSONResponse(served.session.preview(body.request(), body.ops))
+        return JSONResponse(served.session.preview(body, body.ops))
     except EditError as error:
         if error.why is not Why.STALE:
             raise
@@ -223,33 +205,33 @@ def preview(served: Served, body: Operations) -> Response:
 
 
 @api.post("/api/undo")
-def undo(served: Served, body: Edit) -> Response:
+def undo(served: Served, body: EditRequest) -> Response:
     """One step back."""
-    return JSONResponse(served.session.step(body.request(), -1))
+    return JSONResponse(served.session.step(body, -1))
 
 
 @api.post("/api/redo")
-def redo(served: Served, body: Edit) -> Response:
+def redo(served: Served, body: EditRequest) -> Response:
     """One step forward."""
-    return JSONResponse(served.session.step(body.request(), 1))
+    return JSONResponse(served.session.step(body, 1))
 
 
 @api.put("/api/text")
 def write(served: Served, body: Text) -> Response:
     """Replace the text."""
-    return JSONResponse(served.session.write(body.request(), body.text))
+    return JSONResponse(served.session.write(body, body.text))
 
 
 @api.post("/api/save")
 def save(served: Served, body: Save) -> Response:
     """Write the file; `resolve` chooses a text where another program changed the file."""
-    return JSONResponse(served.session.save(body.request(), body.resolve))
+    return JSONResponse(served.session.save(body, body.resolve))
 
 
 @api.post("/api/mask")
 def correct(served: Served, body: MaskEdit) -> Response:
     """Correct a mask, and what follows from it."""
-    return JSONResponse(served.session.correct(body.request(), body.op))
+    return JSONResponse(served.session.correct(body, body.op))
 
 
 # Rendering

@@ -11,6 +11,8 @@ import ipaddress
 import re
 import secrets
 import socket
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -44,6 +46,9 @@ MEDIA_TYPES = {
 _PART = re.compile(r"edit/[a-z][a-z0-9_-]{0,40}\.(js|css)").fullmatch
 
 
+HANDLED = (EditError, InputError, RequestValidationError, HTTPException, OSError, Exception)
+
+
 # The application
 
 
@@ -56,14 +61,7 @@ def application(services: Services) -> FastAPI:
         docs_url=None,
         redoc_url=None,
         redirect_slashes=False,
-        exception_handlers={
-            EditError: _edit_error,
-            InputError: _input_error,
-            RequestValidationError: _invalid_request,
-            HTTPException: _http_error,
-            OSError: _disk_error,
-            Exception: _internal_error,
-        },
+        exception_handlers=dict.fromkeys(HANDLED, _answer),
     )
     app.include_router(api)
     app.add_api_route("/", page, include_in_schema=False)
@@ -89,81 +87,49 @@ def page(served: Served, once: str | None = None) -> Response:
 
 
 def static(name: str) -> Response:
-    """A script or a style of the package."""
-    found = part(name)
-    if found is None:
-        raise EditError(Why.ABSENT, f"there is no {name[:80]}", "open the address as it was printed")
-    return Response(found, media_type=MEDIA_TYPES[name.rpartition(".")[2]])
-
-
-def part(name: str) -> bytes | None:
-    """A file of the page: one that is listed, or a file of the folder `edit` with a plain name."""
-    try:
+    """A script or a style: one that is listed, or a file of the folder `edit` with a plain name."""
+    data = None
+    with suppress(FileNotFoundError):
         if name == "player.js":
-            scripts = [_read("templates", "player", f"{script}.js") for script in PLAYER]
-            return b'"use strict";\n' + b"\n".join(scripts)
-        if name == SCHEMA:
-            return _read("schemas", name)
-        if name in STYLES:
-            return _read("templates", name)
-        if _PART(name):
-            return _read("templates", *name.split("/"))
-    except FileNotFoundError:
-        return None
-    return None
+            scripts = [resource("templates", "player", f"{script}.js").read_bytes() for script in PLAYER]
+            data = b'"use strict";\n' + b"\n".join(scripts)
+        elif name == SCHEMA:
+            data = resource("schemas", name).read_bytes()
+        elif name in STYLES or _PART(name):
+            data = resource("templates", *name.split("/")).read_bytes()
+    if data is None:
+        raise EditError(Why.ABSENT, f"there is no {name[:80]}", "open the address as it was printed")
+    return Response(data, media_type=MEDIA_TYPES[name.rpartition(".")[2]])
 
 
-def _read(*parts: str) -> bytes:
-    path: Path = resource(*parts)
-    return path.read_bytes()
-
-
-# Errors as answers
-
-
-def _refusal(status: int, message: str, fix: str, problems: list[dict[str, Any]] | None = None) -> Response:
-    return JSONResponse({"error": {"message": message, "fix": fix}, "problems": problems or []}, status)
-
-
-async def _edit_error(request: Request, error: Exception) -> Response:
-    assert isinstance(error, EditError)
-    return JSONResponse(error.body(), error.why.value)
-
-
-async def _input_error(request: Request, error: Exception) -> Response:
-    """A problem of the scene that no edit expected."""
-    assert isinstance(error, InputError)
-    problems = [problem.as_dict() | {"object": None} for problem in error.problems]
-    first = error.problems[0]
-    message = " ".join(part for part in (first.found, first.expected) if part)
-    return _refusal(Why.IMPOSSIBLE.value, message, first.fix, problems)
-
-
-async def _invalid_request(request: Request, error: Exception) -> Response:
-    assert isinstance(error, RequestValidationError)
-    first = error.errors()[0]
-    where = ".".join(str(part) for part in first["loc"][1:])
-    message = f"{where}: {first['msg']}" if where else str(first["msg"])
-    return _refusal(Why.MALFORMED.value, message[:300], "see /api/openapi.json")
-
-
-async def _http_error(request: Request, error: Exception) -> Response:
-    assert isinstance(error, HTTPException)
-    answer = _refusal(error.status_code, str(error.detail).lower(), "see /api/openapi.json")
-    answer.headers.update(error.headers or {})
-    return answer
-
-
-async def _disk_error(request: Request, error: Exception) -> Response:
-    """The disk is full, or may not be written."""
-    assert isinstance(error, OSError)
-    where = f"{Path(error.filename).name}: " if isinstance(error.filename, str) else ""
-    message = f"{where}{(error.strerror or 'it could not be read or written').lower()}"
-    return _refusal(507, message, "make room, or correct the permissions, and try again")
-
-
-async def _internal_error(request: Request, error: Exception) -> Response:
-    return _refusal(500, f"the editor failed: {type(error).__name__}", "undo, and please report it")
+async def _answer(request: Request, error: Exception) -> Response:
+    """An exception as an answer."""
+    problems: list[dict[str, Any]] = []
+    headers: Mapping[str, str] | None = None
+    match error:
+        case EditError():
+            return JSONResponse(error.body(), error.why.value)
+        case InputError():  # a problem of the scene that no edit expected
+            first = error.problems[0]
+            problems = [problem.as_dict() | {"object": None} for problem in error.problems]
+            status, fix = Why.IMPOSSIBLE.value, first.fix
+            message = " ".join(part for part in (first.found, first.expected) if part)
+        case RequestValidationError():
+            wrong = error.errors()[0]
+            where = ".".join(str(part) for part in wrong["loc"][1:])
+            status, fix = Why.MALFORMED.value, "see /api/openapi.json"
+            message = f"{where}: {wrong['msg']}"[:300]
+        case HTTPException():
+            status, message, fix = error.status_code, str(error.detail).lower(), "see /api/openapi.json"
+            headers = error.headers
+        case OSError():  # the disk is full, or may not be written
+            where = f"{Path(error.filename).name}: " if isinstance(error.filename, str) else ""
+            message = f"{where}{(error.strerror or 'it could not be read or written').lower()}"
+            status, fix = 507, "make room, or correct the permissions, and try again"
+        case _:
+            status, message = 500, f"the editor failed: {type(error).__name__}"
+            fix = "undo, and please report it"
+    return JSONResponse({"error": {"message": message, "fix": fix}, "problems": problems}, status, headers)
 
 
 # Checks of requests
@@ -226,25 +192,21 @@ class Guard:
         await self.app(scope, body, send_with_headers)
 
     def _check(self, scope: Scope) -> None:
-        headers = Headers(scope=scope)
+        headers, path = Headers(scope=scope), scope["path"]
+        fix = "open the address as it was printed"
         if [key for key, _ in scope["headers"]].count(b"host") != 1 or not self.is_ours(headers["host"]):
-            raise EditError(
-                Why.FOREIGN, "the Host header names another server", "open the address as it was printed"
-            )
-        origin = headers.get("origin")
-        if origin is not None and origin != f"http://{headers['host']}":
-            raise EditError(Why.FOREIGN, "another site's page asks", "open the address as it was printed")
+            raise EditError(Why.FOREIGN, "the Host header names another server", fix)
+        is_foreign = headers.get("origin", own := f"http://{headers['host']}") != own
         site = headers.get("sec-fetch-site")
-        path = scope["path"]
         if site in ("cross-site", "same-site") and path != "/" and not path.startswith(RESULT):
-            raise EditError(Why.FOREIGN, "another site's page asks", "open the address as it was printed")
+            is_foreign = True
+        if is_foreign:
+            raise EditError(Why.FOREIGN, "another site's page asks", fix)
         if path == "/" or path.startswith(OPEN):
             return
         given = headers.get(TOKEN, "")
         if not secrets.compare_digest(given.encode(), self.token.encode()):
-            raise EditError(
-                Why.UNTRUSTED, "the token is missing or wrong", "open the address as it was printed"
-            )
+            raise EditError(Why.UNTRUSTED, "the token is missing or wrong", fix)
         length = headers.get("content-length", "0")
         if length.isascii() and length.isdecimal() and (len(length) > 12 or int(length) > BODY):
             raise too_large()

@@ -258,8 +258,6 @@ def _write_maps(work: Correction, folder: Path, painted: Painted, objects: Seque
     maps = work.maps
     if (painted.before != painted.after).any() or not (folder / "masks.png").is_file():
         _write_map(folder / "masks.png", painted.after)
-    if maps.shadows is not None and work.gone is not None:
-        _write_map(folder / "shadows.png", _owners(maps.shadows, painted))
     part = _window(painted.touched | (painted.union != painted.union_before))
     touched, union = painted.touched[part], painted.union[part]
     near = dilate(union != painted.union_before[part], SOFT)
@@ -324,12 +322,3 @@ def _patch(path: Path, part: Window, where: Mask, values: NDArray[Any], *, signe
     if (new[where] != stored[part][where]).any():
         stored[part][where] = new[where]
         _write_map(path, stored)
-
-
-def _owners(shadows: U16, painted: Painted) -> U16:
-    """Shadows of an id that is gone get the id that has its pixels now."""
-    owners = shadows.copy()
-    for identity in np.setdiff1d(painted.before, [0, *np.unique(painted.after)]).tolist():
-        heirs = np.bincount(painted.after[painted.before == identity])
-        owners[shadows == identity] = int(heirs.argmax()) if len(heirs) else 0
-    return owners

@@ -145,26 +145,12 @@ def has_maps(folder: Path) -> bool:
     return any(os.path.lexists(folder / f"{name}.png") for name in MAPS)
 
 
-def copy_maps(folder: Path | None, into: Path) -> None:
-    """Copy the maps, completely or not at all, unless there is a copy."""
-    if into.is_dir():
-        return
-    beside = into.with_name(f"{into.name}.part")
-    shutil.rmtree(beside, ignore_errors=True)
-    beside.mkdir()
-    for name in MAPS if folder is not None else ():
-        file = (folder or into) / f"{name}.png"
-        if file.is_file():
-            shutil.copyfile(file, beside / file.name)
-    beside.rename(into)
-
-
-def install(source: Path, folder: Path) -> None:
+def install(source: Path | None, folder: Path) -> None:
     """Put the maps of `source`, and no others, into `folder`, each completely. Raises OSError."""
     folder.mkdir(exist_ok=True)
     for name in MAPS:
-        made, file = source / f"{name}.png", folder / f"{name}.png"
-        if made.is_file():
+        made, file = (source or folder) / f"{name}.png", folder / f"{name}.png"
+        if source is not None and made.is_file():
             data = made.read_bytes()
             if not (file.is_file() and file.read_bytes() == data):
                 write_durably(file, data)

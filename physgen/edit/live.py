@@ -244,7 +244,7 @@ class Live:
                 known = self._mean(self._open(text, maps), variant)
             except InputError as error:
                 rows = tuple(self._row(problem) for problem in error.problems)
-                return Look(rows, todo=tuple(todo(text, None, None, rows)))
+                return Look(rows, todo=tuple(todo(None, rows)))
             stream, motion = self._motion(known, begun)
             if motion_only:
                 return Look(tuple(self._row(p, known.scene) for p in stream.problems), motion=motion)
@@ -257,7 +257,7 @@ class Live:
                 derived_data(known.scene, known.compiled),
                 motion,
                 known.picture,
-                tuple(todo(text, known.scene, known.compiled, rows)),
+                tuple(todo(known.scene, rows)),
             )
 
     def more(self, key: str, start: int) -> Data | None:

@@ -7,12 +7,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import PurePath
 from typing import Any
 
-import numpy as np
-
 from physgen.compile.compile import Compiled
-from physgen.compile.shapes import fill_polygon
-from physgen.problems import InputError, Problem
-from physgen.scene.document import Source, plain, read
+from physgen.problems import Problem
 from physgen.scene.provenance import Provenance, source
 from physgen.scene.scene import Scene, Solid
 
@@ -75,36 +71,22 @@ def derived_data(scene: Scene, compiled: Compiled) -> Data:
 
 SURE = 0.6
 """Confidence from which the user is not asked."""
-COVERED = 0.5
-"""Share of a possible object that others cover, from which it counts as added."""
 MAX_ROWS = 300
-_MAYBE = re.compile(r"^ *# ?(?P<name>maybe-\d+): (?P<value>\{.*\})\s*$")
 
 
-def todo(text: str, scene: Scene | None, compiled: Compiled | None, problems: Sequence[Data]) -> list[Data]:
-    """Rows as the page shows them: `kind`, `object`, `path`, `line`, `text`, `fix`, `ops`, `mask`.
-
-    `mask` is a correction of masks in place of `ops`; where both are None the user decides.
-    """
+def todo(scene: Scene | None, problems: Sequence[Data]) -> list[Data]:
+    """Rows as the page shows them: `kind`, `object`, `path`, `line`, `text`, `fix`, `ops`; None: the user decides."""
     rows = [_row("error", p, p["message"], p["fix"]) for p in problems if p["severity"] == "error"]
-    if scene is not None and compiled is not None:
+    if scene is not None:
         rows += [row for _, row in sorted(_unsure(scene), key=lambda doubt: doubt[0])]
-        rows += [row for _, row in sorted(_maybe(text, scene, compiled), key=lambda doubt: -doubt[0])]
     odd = (p for p in problems if p["severity"] != "error")
     rows += [_row("lint", p, p["message"], p["fix"]) for p in odd]
     return rows[:MAX_ROWS]
 
 
-def _row(
-    kind: str,
-    at: Mapping[str, Any],
-    text: str,
-    fix: str,
-    ops: list[Data] | None = None,
-    mask: Data | None = None,
-) -> Data:
+def _row(kind: str, at: Mapping[str, Any], text: str, fix: str, ops: Sequence[Data] | None = None) -> Data:
     place = {key: at.get(key) for key in ("object", "path", "line")}
-    return {"kind": kind, **place, "text": text, "fix": fix, "ops": ops, "mask": mask}
+    return {"kind": kind, **place, "text": text, "fix": fix, "ops": ops}
 
 
 def _unsure(scene: Scene) -> Iterator[tuple[float, Data]]:
@@ -141,29 +123,6 @@ def _of_one(
         keys = [[]] if len(found) == len(sources) else [[key] for _, key, _ in found]
         ops: list[Data] = [{"unset": [*path, "from", *key]} for key in keys]
         yield least, _row("doubt", at, "; ".join(what for *_, what in found), "it is right as it is", ops)
-
-
-def _maybe(text: str, scene: Scene, compiled: Compiled) -> Iterator[tuple[float, Data]]:
-    """Objects that perception wrote as comments, which the user may add."""
-    names = {item.name for item in scene.objects}
-    for number, line in enumerate(text.split("\n"), 1):
-        match = _MAYBE.match(line)
-        if match is None or match["name"] in names:
-            continue
-        try:
-            value = plain(read(match["value"], Source("", scene.folder), counted=False))
-            points = [(float(x), float(y)) for x, y in value["mask"]["polygon"]]
-            guess = str(value.get("from", {}).get("mask", ""))
-        except (InputError, KeyError, TypeError, ValueError):
-            continue  # the user's own comment
-        there = fill_polygon(tuple(points), scene.size)
-        if not there.any() or np.count_nonzero(compiled.labels[there]) > COVERED * np.count_nonzero(there):
-            continue
-        sure = source(guess).sure
-        at = {"object": None, "path": f"objects.{match['name']}", "line": number}
-        words = f"perhaps an object, too ({sure:.0%} sure)" if sure is not None else "perhaps an object, too"
-        mask = {"kind": "polygon", "polygon": [list(point) for point in points], "object": None}
-        yield (sure if sure is not None else SURE), _row("doubt", at, words, "add it", None, mask)
 
 
 def _line(scene: Scene, path: str) -> int | None:

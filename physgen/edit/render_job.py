@@ -16,7 +16,7 @@ from contextlib import suppress
 from pathlib import Path
 from secrets import token_hex
 from threading import Lock, Thread
-from typing import IO, Any
+from typing import Any
 
 from physgen.edit.errors import EditError, Why, impossible
 from physgen.export.video import Format
@@ -24,7 +24,7 @@ from physgen.export.video import Format
 Data = dict[str, Any]
 
 MAX_LINES = 50
-"""Lines of stderr that are kept."""
+"""Lines of output that are kept."""
 STOP_PATIENCE = 10.0
 """s that a run may take to end cleanly once it is stopped."""
 STAGES = {
@@ -153,7 +153,7 @@ class RenderJob:
             [sys.executable, "-m", "physgen", *command, "--json"],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
             text=True,
             encoding="utf-8",
             errors="replace",
@@ -164,44 +164,44 @@ class RenderJob:
             self._process = process
         if self._stopped:  # between two commands
             process.send_signal(signal.SIGTERM)
-        assert process.stderr is not None
         assert process.stdout is not None
-        reader = Thread(target=self._read_progress, args=(process.stderr, k), daemon=True)
-        reader.start()
         for line in process.stdout:
-            self._add_result(_json(line), variant)
-        reader.join()
+            try:
+                found = json.loads(line)
+            except ValueError:
+                found = None
+            with self._lock:
+                if not isinstance(found, dict):
+                    kept = (
+                        [*self._status["lines"], line.rstrip("\n")] if line.strip() else self._status["lines"]
+                    )
+                    self._status["lines"] = kept[-MAX_LINES:]
+                elif "progress" in found:
+                    self._progress(k, found)
+                elif found.get("clip") and found.get("folder"):
+                    self._add_result(found, variant)
         return process.wait()
 
-    def _read_progress(self, stream: IO[str], k: int) -> None:
-        for line in stream:
-            found = _json(line)
-            with self._lock:
-                if "progress" in found:
-                    stage = str(found["progress"])
-                    words, begin, end = STAGES.get(stage, (stage, 0, 0))
-                    part = begin + (end - begin) * float(found["done"]) / max(float(found["total"]), 1.0)
-                    self._status["stage"] = words
-                    self._status["done"] = max(self._status["done"], round(100 * k + min(part, 99.0), 1))
-                elif line.strip():
-                    self._status["lines"] = [*self._status["lines"], line.rstrip("\n")][-MAX_LINES:]
+    def _progress(self, k: int, found: Data) -> None:
+        stage = str(found["progress"])
+        words, begin, end = STAGES.get(stage, (stage, 0, 0))
+        part = begin + (end - begin) * float(found["done"]) / max(float(found["total"]), 1.0)
+        self._status["stage"] = words
+        self._status["done"] = max(self._status["done"], round(100 * k + min(part, 99.0), 1))
 
     def _add_result(self, found: Data, variant: str | None) -> None:
         """A clip that is complete."""
-        if "clip" not in found or not found.get("folder"):
-            return
         folder = Path(found["folder"])
-        with self._lock:
-            row = {
-                "variant": variant,
-                "folder": Path(os.path.relpath(folder, self.output)).as_posix(),
-                "video": next((name for name in VIDEOS if (folder / name).is_file()), None),
-                "report": "report.html" if (folder / "report.html").is_file() else None,
-                "seconds": found.get("seconds"),
-                "state": found.get("state"),
-            }
-            self._status["result"] = [*(self._status["result"] or ()), row]
-            self._status["done"] = max(self._status["done"], 100 * len(self._status["result"]))
+        row = {
+            "variant": variant,
+            "folder": Path(os.path.relpath(folder, self.output)).as_posix(),
+            "video": next((name for name in VIDEOS if (folder / name).is_file()), None),
+            "report": "report.html" if (folder / "report.html").is_file() else None,
+            "seconds": found.get("seconds"),
+            "state": found.get("state"),
+        }
+        self._status["result"] = [*(self._status["result"] or ()), row]
+        self._status["done"] = max(self._status["done"], 100 * len(self._status["result"]))
 
     def _failure(self, code: int) -> Data:
         """The last message of a run."""
@@ -209,12 +209,3 @@ class RenderJob:
         message = lines[-1] if lines else f"the run ended with exit code {code}"
         text, _, fix = message.partition("; ")
         return {"message": text, "fix": fix}
-
-
-def _json(line: str) -> Data:
-    """A line of JSON that is a mapping; empty where it is none."""
-    try:
-        found = json.loads(line)
-    except ValueError:
-        return {}
-    return found if isinstance(found, dict) else {}

@@ -11,14 +11,16 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field
 
 from physgen.edit.corrections import correct
-from physgen.edit.draft import Draft, Unsaved, copy_maps, draft_folder, has_maps, install, write_durably
+from physgen.edit.draft import Draft, Unsaved, draft_folder, has_maps, install, write_durably
 from physgen.edit.errors import EditError, Why, impossible
 from physgen.edit.live import Live, Pictures, mask_png, photo_png
 from physgen.edit.masks import PromptSegmenter
-from physgen.edit.operations import Op, SetOp, edited
+from physgen.edit.operations import Body, Op, SetOp, edited, whole
 from physgen.edit.yaml_edit import marked, without_guess_comments
 from physgen.files import back_up, file_stamp
 from physgen.problems import InputError
@@ -33,7 +35,11 @@ BY_OTHERS = "changed by another program"
 """What the history calls a state that another program wrote."""
 LOOK_KEYS = ("problems", "todo", "scene", "derived", "motion", "picture")
 
+MAX_WORDS = 200
+"""Characters of names, and of what an edit is called."""
+
 Data = dict[str, Any]
+Words = Annotated[str, Field(max_length=MAX_WORDS)]
 Send = Callable[[Data], None]
 """Sends an event to all pages: `{"type": "version", ...}`."""
 
@@ -103,14 +109,13 @@ class History:
         self._states[self._at] = replace(self.now, tag=None)
 
 
-@dataclass(frozen=True)
-class EditRequest:
+class EditRequest(Body):
     """A request for an edit: the version and the variant it is about, and its name in the history."""
 
-    version: int
-    variant: str | None = None
-    what: str = ""
-    tag: str | None = None
+    version: Annotated[int, Field(strict=True, ge=0, le=2**53 - 1), BeforeValidator(whole)]
+    variant: Words | None = None
+    what: Words | None = None
+    tag: Words | None = None
 
 
 class Session:
@@ -328,7 +333,7 @@ class Session:
         """Write the file, so that what is rendered is what the page shows. Raises EditError."""
         with self._edits:
             if version is not None:
-                self._current(EditRequest(version))
+                self._current(EditRequest(version=version))
             if not self.is_saved:
                 self._save(None)
 
@@ -383,7 +388,8 @@ class Session:
                 fix = "name a folder that is not there yet, or that which the scene had"
                 raise impossible(f"assets: {folder.name} holds maps of something else", fix)
             before = self.draft.maps(self.saved.maps)
-            copy_maps(own, before)  # for an undo
+            if not before.is_dir():
+                install(own, before)  # for an undo
             try:
                 install(self.draft.maps(now.maps), folder)
                 self._write_text()

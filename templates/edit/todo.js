@@ -4,7 +4,6 @@ import { element, isolated } from "./elements.js";
 
 const SAID = { error: "Error", lint: "Odd", doubt: "Unsure" };
 const STEP = 40; // shown at once
-const PERHAPS = "rgb(255 220 90)";
 
 export function start(editor) {
   const sums = element("p", { class: "todo-sums", role: "status" });
@@ -38,41 +37,24 @@ export function start(editor) {
   }
 
   function made(item) {
-    const entry = meant(item), perhaps = item.mask?.polygon;
-    const named = () => { if (perhaps) point(item); else if (entry) editor.choose(entry); };
+    const entry = meant(item);
     const choose = () => {
-      named();
-      if (item.line && (item.kind === "error" || !entry) && !perhaps) editor.goToLine?.(item.line);
+      if (entry) editor.choose(entry);
+      if (item.line && (item.kind === "error" || !entry)) editor.goToLine?.(item.line);
     };
     const fix = async () => {
-      named();
-      try { await (item.mask ? editor.maskOp(item.mask) : editor.edit(item.ops, item.fix)); } catch { /* reported by the editor */ }
+      if (entry) editor.choose(entry);
+      try { await editor.edit(item.ops, item.fix); } catch { /* reported by the editor */ }
     };
-    const shows = { pointerenter: () => point(item), focusin: () => point(item), pointerleave: () => point(null), focusout: () => point(null) };
-    return element("li", { class: `todo-item ${item.kind}`, "data-object": item.object ?? "", "data-key": key(item), on: perhaps ? shows : {} },
+    return element("li", { class: `todo-item ${item.kind}`, "data-object": item.object ?? "", "data-key": key(item) },
       element("button", { type: "button", class: "todo-what", on: { click: choose } },
         element("span", { class: "todo-kind" }, SAID[item.kind] ?? item.kind),
         entry ? element("b", {}, isolated(String(entry.name))) : null,
         element("span", { class: "todo-text" }, item.text)),
       element("div", { class: "todo-acts" },
-        item.fix ? (item.ops || item.mask ? element("button", { type: "button", class: "act", on: { click: fix } }, upper(item.fix)) : element("span", { class: "todo-hint" }, upper(item.fix))) : null,
+        item.fix ? (item.ops ? element("button", { type: "button", class: "act", on: { click: fix } }, upper(item.fix)) : element("span", { class: "todo-hint" }, upper(item.fix))) : null,
         item.line ? element("button", { type: "button", class: "link", "aria-label": `Line ${item.line} of the file`, on: { click: () => editor.goToLine?.(item.line) } }, `line ${item.line}`) : null));
   }
-
-  // where an object is that is not in the scene yet
-  let pointed = null;
-  function point(item) {
-    pointed = item;
-    editor.redraw();
-  }
-  editor.overlay((context, pen) => {
-    if (!pointed || panel.panel.hidden || !items.includes(pointed)) return;
-    const path = new Path2D();
-    for (const [x, y] of pointed.mask.polygon) path.lineTo(x, y);
-    path.closePath();
-    pen.fill(path, PERHAPS, 0.2);
-    pen.stroke(path, PERHAPS, 2, 1, [6, 4]);
-  });
 
   function marked() {
     const name = editor.selected?.kind === "object" ? editor.selected.name : null;

@@ -15,7 +15,7 @@ from served import Killable
 
 from physgen.edit.draft import BusyError, Draft, draft_folder
 from physgen.edit.errors import EditError
-from physgen.edit.session import MAX_STEPS, EditRequest, History, Session, State
+from physgen.edit.session import EditRequest, History, Session, State
 from physgen.problems import InputError
 
 TEXT = "physgen: 1\nsize: [64, 48]\nobjects: {}\n"
@@ -29,27 +29,15 @@ def scene(tmp_path: Path) -> Path:
 
 
 def write(session: Session, text: str, tag: str | None = None) -> None:
-    session.write(EditRequest(session.history.version, tag=tag), text)
+    session.write(EditRequest(version=session.history.version, tag=tag), text)
 
 
 def step(session: Session, by: int) -> None:
-    session.step(EditRequest(session.history.version), by)
+    session.step(EditRequest(version=session.history.version), by)
 
 
 def save(session: Session) -> None:
-    session.save(EditRequest(session.history.version))
-
-
-def test_the_history_forgets_the_oldest_first() -> None:
-    history = History([State("0")])
-    for number in range(1, 300):
-        history.push(State(str(number), 0, str(number)))
-    steps = 0
-    while history.undo:
-        history.step(-1)
-        steps += 1
-    assert steps == MAX_STEPS
-    assert history.now.text == str(299 - MAX_STEPS)
+    session.save(EditRequest(version=session.history.version))
 
 
 def test_edits_of_one_tag_are_one_step_until_one_is_saved_or_a_while_passed(scene) -> None:
@@ -155,17 +143,6 @@ def test_a_draft_that_came_with_the_scene_leads_nowhere(scene, tmp_path) -> None
     folder.symlink_to(tmp_path / "elsewhere")
     with pytest.raises(InputError, match="of another user"):
         Session(scene)
-
-
-def test_a_draft_that_was_removed_is_made_anew(scene) -> None:
-    session = Session(scene)
-    write(session, TEXT + "# one\n")
-    shutil.rmtree(draft_folder(scene))
-    write(session, TEXT + "# two\n")
-    session.close()
-    again = Session(scene)
-    assert again.now.text == TEXT + "# two\n"
-    again.close()
 
 
 def test_a_draft_outlives_its_file(scene) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from desk import NARROW, Desk, seated
+from desk import Desk, seated
 
 from physgen.pipeline import load
 
@@ -240,20 +240,3 @@ def test_variants_are_tabs(browser: Any, serving: Callable[..., Any], scene: Pat
     assert load(scene, variant="heavy").objects[0].mass == 500
     assert load(scene).objects[0].mass == 50
     assert scene.read_text(encoding="utf-8").startswith(SCENE)
-
-
-def test_the_first_time_there_are_three_steps(browser: Any, serving: Callable[..., Any], scene: Path) -> None:
-    served = serving(scene)
-    for how in ({}, {"viewport": NARROW, "has_touch": True, "is_mobile": True, "color_scheme": "dark"}):
-        with seated(browser, served.address, hint=True, **how) as desk:
-            for step in ("1 of 3", "2 of 3", "3 of 3"):
-                assert step in desk.page.inner_text("[data-part=hint]")
-                assert step[0] != "2" or desk.grave("[data-part=hint]") == []
-                desk.page.click("[data-part=hint] .main")
-            assert desk.page.locator("[data-part=hint]").count() == 0
-            desk.page.reload()
-            desk.ready()
-            assert desk.page.locator("[data-part=hint]").count() == 0, "gone for good"
-            desk.page.evaluate("() => window.editor.showHint()")
-            desk.page.wait_for_selector("[data-part=hint]")
-            assert desk.page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")

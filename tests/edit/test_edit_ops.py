@@ -10,7 +10,6 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from ruamel.yaml import YAML
 
 from physgen.edit import yaml_edit
 from physgen.edit.errors import EditError
@@ -355,16 +354,6 @@ def last_of(text: str, root: Node, path: tuple[str | int, ...], last: int) -> in
     child = end.child(path[-1])
     assert child is not None
     return max(last, text.count("\n", 0, max(child.end, end.end if len(end.children) == 1 else 0)) + 1)
-
-
-@settings(max_examples=40)
-@given(documents(), st.data())
-def test_a_second_reader_reads_the_same(document, draw) -> None:
-    text, _ = document
-    path = draw.draw(st.sampled_from(paths(tree(text))))
-    new = yaml_edit.put(text, path, draw.draw(st.sampled_from([1, "red ball", [1, 2], {"a": {"b": "c d"}}])))
-    second = YAML(typ="safe", pure=True).load(new)
-    assert second == data(new)
 
 
 def test_a_first_key_behind_a_dash_goes_and_the_comment_below_it_stays() -> None:

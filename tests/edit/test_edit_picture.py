@@ -77,23 +77,6 @@ def test_background_shadows_and_objects_are_the_photo_again(copied: Copy) -> Non
     assert sorted(seen["names"]) == sorted(look.scene["objects"])  # type: ignore[index]
 
 
-def test_the_picture_outlasts_edits_of_what_moves_it(copied: Copy) -> None:
-    """A push, gravity, a mass, another place: the same picture, and it is not worked out again. A light: another."""
-    path = copied("wall-ball")
-    live = Live(path)
-    pictures, text = Pictures(live), path.read_text()
-    base = live.look(text).picture
-    assert base is not None
-    first = pictures.look(base)
-    for edit in ("objects.ball.velocity=[10, 10]", "world.gravity=[0, 100]", "objects.ball.mass=7",
-                 "objects.ball.place=[200, 100]", "objects.old-ball.friction=0.1"):  # fmt: skip
-        look = live.look(changed(text, edit))
-        assert look.picture == base, edit
-        assert pictures.look(base) is first
-    other = live.look(changed(text, "light.direction=[0.5, -0.6, 0.6]")).picture
-    assert other != base
-
-
 def test_shadows_go_with_the_motion_that_throws_them(copied: Copy) -> None:
     """The shadow of a ball lies where its sample says; of one that was put elsewhere, there."""
     path = copied("billiards")

@@ -158,55 +158,6 @@ def test_each_drag_is_one_step_back_and_an_arrow_can_be_changed_by_its_tip(
         assert desk.state["scene"]["objects"]["ball"]["velocity"] == first
 
 
-def test_the_run_before_stays_in_sight_and_time_can_be_scrubbed(
-    browser: Any, serving: Callable[..., Any], scene: Path
-) -> None:
-    with seated(browser, serving(scene).address) as desk:
-        desk.drag((120, 80), (180, 60))
-        desk.settled()
-        was, now = desk.page.evaluate(
-            "() => [window.editor.player.before, window.editor.player.run].map(r => r.data.bodies[0].vx[0])"
-        )
-        assert was == 0
-        assert now > 0
-        desk.page.evaluate("() => window.editor.watched")
-        desk.page.evaluate(
-            "() => { const s = document.querySelector('[data-part=seek]'); s.value = 0.5;"
-            " s.dispatchEvent(new Event('input', {bubbles: true})); }"
-        )
-        assert float(desk.page.evaluate("() => document.body.dataset.time")) == pytest.approx(0.5, abs=1e-3)
-        desk.page.keyboard.press("r")  # reduced motion: to the beginning, and nothing plays
-        assert float(desk.page.evaluate("() => document.body.dataset.time")) == 0
-        desk.page.click("[data-part=play]")
-        desk.page.wait_for_function("() => +document.body.dataset.time > 0.05")
-        assert desk.errors == []
-
-
-def test_what_is_pinned_is_not_pushed_and_what_is_deleted_comes_back(
-    browser: Any, serving: Callable[..., Any], scene: Path
-) -> None:
-    with seated(browser, serving(scene).address) as desk:
-        desk.click((360, 270))
-        desk.page.keyboard.press("x")
-        desk.settled()
-        assert desk.state["scene"]["objects"]["block"]["motion"] == "static"
-        version = desk.state["version"]
-        desk.drag((360, 270), (400, 270))
-        desk.settled()
-        assert desk.state["version"] == version
-        desk.page.keyboard.press("x")
-        desk.settled()
-        assert "motion" not in desk.state["text"], "as it was"
-        desk.page.keyboard.press("Delete")
-        desk.settled()
-        found = desk.state["scene"]
-        assert list(found["objects"]) == ["ball"]
-        assert not found["forces"]
-        desk.page.click("[data-part=undo]")
-        desk.settled()
-        assert list(desk.state["scene"]["objects"]) == ["ball", "block"]
-
-
 def test_what_was_meant_for_another_state_is_not_made(
     browser: Any, serving: Callable[..., Any], scene: Path
 ) -> None:

@@ -7,10 +7,8 @@ from typing import Any
 
 import cv2
 import numpy as np
-import pytest
 import yaml
 
-from physgen.edit.corrections import correct
 from physgen.edit.live import Live
 from physgen.edit.operations import edited
 
@@ -18,10 +16,6 @@ SCENE = """\
 physgen: 1
 image: photo.png
 objects:
-  # perhaps objects, too: to have one, take the # and the space behind it away
-  # maybe-1: {mask: {polygon: [[150, 20], [190, 20], [190, 50], [150, 50]]}, from: {mask: learned 0.27}}
-  # maybe-2: {mask: {polygon: [[20, 20], [60, 20], [60, 60], [20, 60]]}, from: {mask: learned 0.41}}
-  # maybe-3: {mask: nonsense}
   ball:
     shape: {circle: {center: [40, 40], radius: 20}}
     mass: 20
@@ -55,13 +49,12 @@ def test_doubts_come_first_the_least_sure_of_all_at_the_top(tmp_path: Path) -> N
     live, text = photographed(tmp_path)
     rows = live.look(text).todo
     told = [(row["kind"], row["object"], row["path"], row["line"]) for row in rows]
-    assert told[:4] == [
-        ("doubt", "crate", "objects.crate.mass", 17),
-        ("doubt", "ball", "objects.ball.friction", 11),
-        ("doubt", None, "boundaries.floor", 20),
-        ("doubt", None, "objects.maybe-1", 5),
+    assert told[:3] == [
+        ("doubt", "crate", "objects.crate.mass", 13),
+        ("doubt", "ball", "objects.ball.friction", 7),
+        ("doubt", None, "boundaries.floor", 16),
     ]
-    assert {row["kind"] for row in rows[4:]} == {"lint"}
+    assert {row["kind"] for row in rows[3:]} == {"lint"}
     assert "friction (table, 35%); mass (table, 40%)" in rows[1]["text"]
     assert "elasticity" not in rows[1]["text"]
     assert rows[2]["text"] == "floor (lines, 50%)"
@@ -91,21 +84,8 @@ def key(row: dict[str, Any]) -> tuple[Any, ...]:
     return row["kind"], row["path"], row["text"]
 
 
-def test_what_may_be_an_object_becomes_one(tmp_path: Path) -> None:
-    """The polygon of the remark, as pixels; then nobody asks again, though the remark is still there."""
-    live, text = photographed(tmp_path)
-    (row,) = (row for row in live.look(text).todo if row["mask"])
-    assert (row["ops"], row["fix"]) == (None, "add it")
-    made = correct(live, text, None, row["mask"], tmp_path / "maps-1")
-    look = live.look(made.text, tmp_path / "maps-1")
-    assert made.made in look.scene["objects"]  # type: ignore[index]
-    assert look.derived["objects"][made.made]["centre"] == pytest.approx([170, 35], abs=0.6)  # type: ignore[index]
-    assert "# maybe-1" in made.text
-    assert not [row for row in look.todo if row["mask"]]
-
-
 def test_errors_come_before_all_else(tmp_path: Path) -> None:
     live, text = photographed(tmp_path)
     rows = live.look(text.replace("mass: 30", "mass: heavy")).todo
-    assert [(row["kind"], row["object"], row["line"]) for row in rows] == [("error", "crate", 17)]
+    assert [(row["kind"], row["object"], row["line"]) for row in rows] == [("error", "crate", 13)]
     assert live.look(text, variant="heavy").todo[0]["kind"] == "doubt"

@@ -199,17 +199,3 @@ def test_keys_alone_choose_push_play_and_undo(browser: Any, serving: Callable[..
         keys.press("F6")
         assert desk.page.evaluate("() => document.activeElement.id") == "panels"
         assert desk.errors == []
-
-
-@pytest.mark.parametrize("how", [{}, {"color_scheme": "dark"}])
-def test_nothing_keeps_people_out(browser: Any, serving: Callable[..., Any], scene: Path, how: Any) -> None:
-    with seated(browser, serving(scene).address, **how) as desk:
-        desk.choose("ball")
-        desk.settled()
-        assert desk.grave() == []
-        desk.page.evaluate("() => window.editor.choose({kind: 'boundary', name: 'floor'})")
-        assert desk.grave("#panels") == []
-        desk.panel("world")
-        assert desk.grave("#panels") == []
-        desk.page.keyboard.press("?")
-        assert desk.grave("dialog") == []

@@ -100,37 +100,6 @@ def kept(desk: Desk, held: list[Any], letters: str) -> None:
         desk.page.wait_for_timeout(20)
 
 
-def test_what_is_saved_is_what_was_typed(browser: Any, serving: Callable[..., Any], scene: Path) -> None:
-    held: list[Any] = []
-
-    def first(route: Any) -> None:
-        if held:
-            route.continue_()
-        held.append(route)
-
-    with seated(browser, serving(scene).address, held=("**/api/text", first)) as desk:
-        desk.panel("yaml")
-        desk.put_caret("mass: 50", after=len("mass: 50"))
-        kept(desk, held, "1")
-        desk.page.keyboard.type("23")
-        desk.page.keyboard.press("Control+s")
-        held[0].continue_()
-        desk.page.wait_for_function(
-            "() => document.querySelector('[data-part=status]').textContent.startsWith('Saved')"
-        )
-        assert scene.read_text() == desk.text == SCENE.replace("mass: 50\n", "mass: 50123\n")
-        # and what is taken back while it is on its way stays taken back
-        held.clear()
-        kept(desk, held, "4")
-        desk.page.keyboard.press("Backspace")
-        desk.page.keyboard.press("Control+s")
-        held[0].continue_()
-        desk.settled()
-        desk.page.wait_for_function("() => window.editor.state.file.saved")
-        assert scene.read_text() == desk.text == SCENE.replace("mass: 50\n", "mass: 50123\n")
-        assert desk.errors == []
-
-
 def test_edits_from_elsewhere_come_into_the_text_and_leave_what_is_typed(
     browser: Any, serving: Callable[..., Any], scene: Path
 ) -> None:
