@@ -33,12 +33,11 @@ def edit(options: argparse.Namespace) -> int:
     if options.output.exists() and not options.output.is_dir():
         raise InputError.of(str(options.output), "", "is a file", "name a folder with -o")
     scene = _scene(options)
-    from physgen.edit.app import Editor, Place
+    from physgen.edit.app import Editor
     from physgen.edit.draft import BusyError
 
-    place = Place(options.host, options.port)
     try:
-        editor = Editor(scene, place, options.allow_outside, options.output)
+        editor = Editor(scene, options.host, options.port, options.allow_outside, options.output)
     except BusyError as busy:
         print_error(f"{scene}: is open in an editor already, at this address")
         _print_address(options, scene, busy.address)

@@ -13,7 +13,7 @@ import secrets
 import socket
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from mimetypes import guess_type
 from pathlib import Path
 from typing import Any
 
@@ -38,11 +38,6 @@ PLAYER = ("motion", "clock", "scene", "balls", "touch", "units", "quantities", "
 """Scripts of the report's player without its charts and page, joined in this order."""
 STYLES = ("page.css", "player.css", "edit.css")
 SCHEMA = "scene-1.schema.json"
-MEDIA_TYPES = {
-    "json": "application/json",
-    "js": "text/javascript; charset=utf-8",
-    "css": "text/css; charset=utf-8",
-}
 _PART = re.compile(r"edit/[a-z][a-z0-9_-]{0,40}\.(js|css)").fullmatch
 
 
@@ -99,7 +94,7 @@ def static(name: str) -> Response:
             data = resource("templates", *name.split("/")).read_bytes()
     if data is None:
         raise EditError(Why.ABSENT, f"there is no {name[:80]}", "open the address as it was printed")
-    return Response(data, media_type=MEDIA_TYPES[name.rpartition(".")[2]])
+    return Response(data, media_type=guess_type(name)[0])
 
 
 async def _answer(request: Request, error: Exception) -> Response:
@@ -265,16 +260,10 @@ def too_large() -> EditError:
 # The server
 
 
-@dataclass(frozen=True)
-class Place:
-    """Where the editor listens. Port None: any free one."""
-
-    host: str = "127.0.0.1"
-    port: int | None = None
-
-
 class Editor:
     """The server of one scene. It listens once it is constructed and answers once it runs; `close` ends it.
+
+    `port` None: any free one.
 
     Raises InputError where the scene cannot be opened or the address is taken, BusyError where another editor has the
     scene.
@@ -283,19 +272,19 @@ class Editor:
     def __init__(
         self,
         path: Path,
-        place: Place | None = None,
+        host: str = "127.0.0.1",
+        port: int | None = None,
         allow_outside: bool = False,
         output: Path = Path("out"),
     ) -> None:
-        place = place or Place()
         self.token = secrets.token_urlsafe(24)
         events = Events()
         self.session = Session(path, allow_outside, events.send)
         self.rendering = RenderJob(path, output, allow_outside)
         try:
-            self._socket = _listening(place)
+            self._socket = _listening(host, port)
             self.port: int = self._socket.getsockname()[1]
-            shown = "127.0.0.1" if place.host in ("0.0.0.0", "::") else place.host
+            shown = "127.0.0.1" if host in ("0.0.0.0", "::") else host
             shown = f"[{shown}]" if ":" in shown else shown
             self.address = f"http://{shown}:{self.port}/?token={self.token}"
             self.session.draft.listens(self.address)
@@ -304,7 +293,7 @@ class Editor:
             raise
         self.services = Services(self.session, events, self.rendering, self.token, set())
         config = uvicorn.Config(
-            Guard(application(self.services), self.token, place.host, self.port),
+            Guard(application(self.services), self.token, host, self.port),
             access_log=False,
             log_level="critical",
             lifespan="off",
@@ -335,17 +324,17 @@ class Editor:
         return self.session.close()
 
 
-def _listening(place: Place) -> socket.socket:
-    family = socket.AF_INET6 if ":" in place.host else socket.AF_INET
+def _listening(host: str, port: int | None) -> socket.socket:
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
     # with the protocol named, asyncio sends small answers at once instead of after 40 ms
     made = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     try:
         made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        made.bind((place.host, place.port or 0))
+        made.bind((host, port or 0))
         made.listen(128)
     except OSError as error:
         made.close()
-        where = f"--port {place.port}" if place.port else f"--host {place.host}"
+        where = f"--port {port}" if port else f"--host {host}"
         reason = (error.strerror or str(error)).lower()
         fix = "leave it out, and a free port of this machine is taken"
         raise InputError.of(where, "", f"cannot be listened on: {reason}", fix) from None

@@ -140,11 +140,6 @@ def write_durably(path: Path, data: bytes) -> None:
 # Maps
 
 
-def has_maps(folder: Path) -> bool:
-    """Whether a folder holds maps."""
-    return any(os.path.lexists(folder / f"{name}.png") for name in MAPS)
-
-
 def install(source: Path | None, folder: Path) -> None:
     """Put the maps of `source`, and no others, into `folder`, each completely. Raises OSError."""
     folder.mkdir(exist_ok=True)

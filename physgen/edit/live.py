@@ -362,19 +362,16 @@ class Pictures:
     def __init__(self, live: Live) -> None:
         self._live, self._lock = live, Lock()
         self._stages: Recent[Stage] = Recent(2)
-        self._looks: Recent[Data] = Recent(3)
-        self._shadows: Recent[Data] = Recent(6)
 
     def look(self, key: str) -> Data | None:
         """`names` of the bodies, `background` and `sprites` as `report.cutouts` has them; None: the key is gone."""
         sight = self._live.sight(key)
         if sight is None:
             return None
-
-        def look() -> Data:
+        with self._lock:
             drawn = self._stage(key, sight)
-            names = [item.name for item in sight.scene.objects]
             background = plate(drawn, range(len(drawn.sprites)))
+            names = [item.name for item in sight.scene.objects]
             return {
                 "key": key,
                 "names": names,
@@ -383,9 +380,6 @@ class Pictures:
                 "shadows": [],
             }
 
-        with self._lock:
-            return self._looks.of(key, look)
-
     def shadows(self, key: str, motion: str) -> Data | None:
         """Shadows of every object for a motion, which is simulated to its end; None: one of the two is gone."""
         sight = self._live.sight(key)
@@ -393,15 +387,11 @@ class Pictures:
         if sight is None or seen is None:
             return None
         trajectory, world = seen
-
-        def thrown() -> Data:
+        with self._lock:
             drawn = replace(self._stage(key, sight), starts=photo_poses(world))
             same = len(trajectory.names) == len(sight.scene.objects)
             rows = shadows(drawn, trajectory, range(len(drawn.sprites))) if same else []
             return {"key": key, "motion": motion, "shadows": rows}
-
-        with self._lock:
-            return self._shadows.of((key, motion), thrown)
 
     def _stage(self, key: str, sight: CompiledScene) -> Stage:
         """With the poses in which objects were cut out of the photo."""

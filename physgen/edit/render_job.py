@@ -197,8 +197,6 @@ class RenderJob:
             "folder": Path(os.path.relpath(folder, self.output)).as_posix(),
             "video": next((name for name in VIDEOS if (folder / name).is_file()), None),
             "report": "report.html" if (folder / "report.html").is_file() else None,
-            "seconds": found.get("seconds"),
-            "state": found.get("state"),
         }
         self._status["result"] = [*(self._status["result"] or ()), row]
         self._status["done"] = max(self._status["done"], 100 * len(self._status["result"]))

@@ -16,7 +16,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field
 
 from physgen.edit.corrections import correct
-from physgen.edit.draft import Draft, Unsaved, draft_folder, has_maps, install, write_durably
+from physgen.edit.draft import Draft, Unsaved, draft_folder, install, write_durably
 from physgen.edit.errors import EditError, Why, impossible
 from physgen.edit.live import Live, Pictures, mask_png, photo_png
 from physgen.edit.masks import PromptSegmenter
@@ -213,7 +213,7 @@ class Session:
             node = marked(self.now.text).child("variants")
         except EditError:
             return self._names
-        self._names = [key for key, _, _ in node.keys] if node is not None and node.is_map else []
+        self._names = [key for key, _, _ in node.keys] if node is not None else []
         return self._names
 
     def photo(self) -> bytes:
@@ -384,7 +384,7 @@ class Session:
             own = None
             with suppress(EditError):
                 own = _assets(self.saved.text, self.path.absolute().parent, self.allow_outside)
-            if folder != own and has_maps(folder):
+            if folder != own and any(os.path.lexists(folder / f"{name}.png") for name in MAPS):
                 fix = "name a folder that is not there yet, or that which the scene had"
                 raise impossible(f"assets: {folder.name} holds maps of something else", fix)
             before = self.draft.maps(self.saved.maps)

@@ -51,20 +51,10 @@ class Marked:
     children: list[Marked] = field(default_factory=list)
     """Values of a mapping, or items."""
 
-    @property
-    def is_map(self) -> bool:
-        """Whether it holds keys."""
-        return self.kind is dict
-
-    @property
-    def is_list(self) -> bool:
-        """Whether it holds items."""
-        return self.kind is list
-
     def place(self, key: str | int) -> int | None:
         """Index of the child at a key or an index; None where there is none."""
         if isinstance(key, int):
-            return key if self.is_list and 0 <= key < len(self.children) else None
+            return key if self.kind is list and 0 <= key < len(self.children) else None
         return self._places.get(key)
 
     @cached_property
@@ -78,9 +68,9 @@ class Marked:
 
     def data(self) -> Any:
         """The plain data."""
-        if self.is_map:
+        if self.kind is dict:
             return {key: child.data() for (key, _, _), child in zip(self.keys, self.children, strict=True)}
-        if self.is_list:
+        if self.kind is list:
             return [child.data() for child in self.children]
         return self.value
 
@@ -119,7 +109,7 @@ def _marked(node: Any, text: str) -> Marked:
 
 def entry(text: str, parent: Marked, at: int) -> int:
     """Start of the entry of a child: its key, or its dash."""
-    if parent.is_map:
+    if parent.kind is dict:
         return parent.keys[at][1]
     if parent.is_flow:
         return parent.children[at].begin
@@ -169,7 +159,7 @@ def below(text: str, place: int, lines: Sequence[str]) -> Patch:
 
 def joint(text: str, node: Marked, before: Marked) -> str:
     """Separator of a new entry in brackets: with a line break where each entry has a line of its own."""
-    begin = node.keys[node.children.index(before)][1] if node.is_map else before.begin
+    begin = node.keys[node.children.index(before)][1] if node.kind is dict else before.begin
     if leads(text, begin) and line_begin(text, begin) > node.begin:
         return "," + newline(text) + text[line_begin(text, begin) : begin]
     return ", "
@@ -319,11 +309,11 @@ def _before(node: Marked, path: KeyPath, key: str) -> int:
 def _replaced(text: str, path: KeyPath, value: Any) -> str:
     """Replace a value; of a collection only what differs."""
     node = find(text, path)
-    if node.is_map and isinstance(value, dict) and value and node.children:
+    if node.kind is dict and isinstance(value, dict) and value and node.children:
         keys = {key for key, _, _ in node.keys}
         if not node.is_flow or (keys != value.keys() and keys & value.keys()):
             return _entries(text, path, node, value)
-    is_filled_list = node.is_list and isinstance(value, list) and value and node.children
+    is_filled_list = node.kind is list and isinstance(value, list) and value and node.children
     if is_filled_list and (not node.is_flow or len(value) != len(node.children)):
         return _items(text, path, node.data(), value)
 
@@ -373,12 +363,12 @@ def _items(text: str, path: KeyPath, old: list[Any], new: list[Any]) -> str:
 
 def _differences(node: Marked, value: Any, path: KeyPath) -> list[Patch] | None:
     """Patches that change values inside brackets; None where keys or the number of items differ."""
-    if node.is_map and isinstance(value, dict) and {key for key, _, _ in node.keys} == value.keys():
+    if node.kind is dict and isinstance(value, dict) and {key for key, _, _ in node.keys} == value.keys():
         pairs = [
             (child, value[key], (*path, key))
             for (key, _, _), child in zip(node.keys, node.children, strict=True)
         ]
-    elif node.is_list and isinstance(value, list) and len(node.children) == len(value):
+    elif node.kind is list and isinstance(value, list) and len(node.children) == len(value):
         pairs = [(child, value[at], (*path, at)) for at, child in enumerate(node.children)]
     else:
         return None
@@ -403,7 +393,7 @@ def _rewritten(text: str, path: KeyPath, value: Any) -> list[Patch]:
     if parent.is_flow:
         return [_inside(node, value, path)]
     begin = entry(text, parent, at)
-    if parent.is_map:
+    if parent.kind is dict:
         colon = text.index(":", parent.keys[at][2])
         start = " " * parent.column + text[begin : colon + 1]
     else:

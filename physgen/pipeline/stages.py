@@ -307,26 +307,17 @@ class Stages:
 
     def maps(self, scene: Scene) -> Maps:
         """See `percepts`."""
-        key, stamps = self._files(scene)
-        width, height = scene.size
-        if width * height > MOST_PIXELS and not self._editing:
-            return Maps(percepts(scene), key, stamps)
-        return self._maps.of(key, lambda: Maps(percepts(scene), key, stamps))
-
-    def hand_over(self, scene: Scene, percepts: Percepts) -> None:
-        """Remember `percepts`, which were just written to the scene's files."""
-        key, stamps = self._files(scene)
-        self._maps.of(key, lambda: Maps(percepts, key, stamps))
-
-    def _files(self, scene: Scene) -> tuple[str, tuple[tuple[Path, Stamp], ...]]:
-        """The key of a scene's maps, and their files."""
         from physgen.pipeline.cache_keys import key
 
         files = [] if scene.image is None else [scene.image]
         if scene.image is not None and scene.assets is not None:
             files += sorted(scene.assets.glob("*.png"))
         stamps = tuple((file, file_stamp(file)) for file in files)
-        return key("percepts", [(str(file), *stamp) for file, stamp in stamps], dict(scene.maps)), stamps
+        read = key("percepts", [(str(file), *stamp) for file, stamp in stamps], dict(scene.maps))
+        width, height = scene.size
+        if width * height > MOST_PIXELS and not self._editing:
+            return Maps(percepts(scene), read, stamps)
+        return self._maps.of(read, lambda: Maps(percepts(scene), read, stamps))
 
     def compile(self, scene: Scene, maps: Maps) -> Compiled:
         """See `compile`."""

@@ -17,7 +17,7 @@ import httpx
 import pytest
 from served import Killable, Served, client
 
-from physgen.edit.app import Editor, Place
+from physgen.edit.app import Editor
 
 SCENES = Path(__file__).parents[2] / "scenes"
 
@@ -45,7 +45,7 @@ def serving(copied: Callable[[str], Path]) -> Iterator[Callable[..., Served]]:
 
     def serve(scene: str | Path, **told: Any) -> Served:
         path = copied(scene) if isinstance(scene, str) else scene
-        editor = Editor(path, Place(), **told)
+        editor = Editor(path, **told)
         thread = threading.Thread(target=editor.run, daemon=True)
         thread.start()
         asks = client(editor.address)

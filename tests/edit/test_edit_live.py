@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -168,23 +167,6 @@ def test_a_file_that_it_extends_is_read_again(tmp_path: Path) -> None:
     assert live.look(text).derived["objects"]["ball"]["centre"] == [60, 150]  # type: ignore[index]
     base.write_text((FREE % "").replace("[60, 150]", "[90, 150]"))
     assert live.look(text).derived["objects"]["ball"]["centre"] == [90, 150]  # type: ignore[index]
-
-
-def test_maps_of_a_draft_stand_in_for_the_assets(copied: Copy, tmp_path: Path) -> None:
-    """Pixels that a draft gives to nobody are nobody's; the file's own maps stay what they were."""
-    import cv2
-
-    path = copied("dominoes")
-    draft = tmp_path / "maps-1"
-    shutil.copytree(path.parent / "photo.assets", draft)
-    masks = cv2.imread(str(draft / "masks.png"), cv2.IMREAD_UNCHANGED)
-    identity = int(masks[masks > 0].min())
-    masks[: masks.shape[0] // 2 + 40][masks[: masks.shape[0] // 2 + 40] == identity] = 0
-    cv2.imwrite(str(draft / "masks.png"), masks)
-    live, text = Live(path), path.read_text()
-    own, drafted = (live.state(text, maps).compiled.labels for maps in (None, draft))
-    assert 0 < np.count_nonzero(drafted) < np.count_nonzero(own)
-    assert np.array_equal(drafted[drafted > 0], own[drafted > 0])
 
 
 def test_centres_and_masses_are_those_of_the_engine(tmp_path: Path) -> None:

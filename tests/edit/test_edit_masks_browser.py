@@ -164,33 +164,3 @@ def test_brush_and_eraser_take_what_they_touch(
         gone = now & ~shown(served)
         assert (gone == (along(tuple(at), (at[0] + 8, at[1]), 3, now.shape) & now)).all()
         assert desk.errors == []
-
-
-def test_a_line_cuts_and_join_heals(browser: Any, serving: Callable[..., Any], scene: Path) -> None:
-    served = serving(scene)
-    before, names = shown(served), set(served.look()["scene"]["objects"])
-    x, y = CENTRE
-    with seated(browser, served.address) as desk:
-        masking(desk, "split")
-        desk.drag((x - 40, y + 4), (x + 40, y + 4))
-        done(desk)
-        (new,) = set(served.look()["scene"]["objects"]) - names
-        upper, lower = shown(served, BALL), shown(served, new)
-        assert not (upper & lower).any()
-        assert ((upper | lower) == before).all()
-        rows = np.arange(before.shape[0])[:, None] + 0 * before
-        part = sorted([rows[upper].mean(), rows[lower].mean()])
-        assert part[0] < y < part[1] + 4
-        assert desk.page.evaluate("() => window.editor.selected.name") == new, "to say what it is"
-        masking(desk, "merge", BALL)
-        desk.page.select_option(".mask-join select", new)
-        desk.page.click(".mask-join button")
-        done(desk)
-        assert set(served.look()["scene"]["objects"]) == names
-        assert (shown(served) == before).all()
-        desk.page.click("[data-part=undo]")
-        desk.settled()
-        desk.page.click("[data-part=undo]")
-        desk.settled()
-        assert not desk.page.is_enabled("[data-part=undo]")
-        assert desk.errors == []

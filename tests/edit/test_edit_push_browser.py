@@ -156,39 +156,3 @@ def test_each_drag_is_one_step_back_and_an_arrow_can_be_changed_by_its_tip(
         desk.page.keyboard.press("Control+y")
         desk.settled()
         assert desk.state["scene"]["objects"]["ball"]["velocity"] == first
-
-
-def test_what_was_meant_for_another_state_is_not_made(
-    browser: Any, serving: Callable[..., Any], scene: Path
-) -> None:
-    """Another window takes the first push away: an edit of the first push is not one of the next."""
-    with seated(browser, serving(scene).address) as desk:
-        desk.drag((120, 80), (170, 80), held="Shift")
-        desk.settled()
-        late = """async ops => {
-            const { editor } = window, before = editor.state;
-            const ops_ = [{remove: ["forces", 0]}], other = { version: before.version, variant: null, ops: ops_ };
-            await editor.request("POST", "/api/edit", { ...other, tag: null, what: "other" });
-            editor.state = before;
-            const made = ops ? editor.edit(ops, "late") : editor.undo();
-            return made.then(state => (state ? "made" : "refused"), () => "refused");
-        }"""
-        push = [{"set": ["forces", 0, "impulse"], "value": [7, 7]}]
-        assert desk.page.evaluate(late, push) == "refused"
-        desk.settled()
-        (left,) = desk.state["scene"]["forces"]
-        assert left["object"] == "ball"
-        assert left["impulse"] != [7, 7]
-        desk.page.keyboard.press("Control+z")
-        desk.settled()
-        assert len(desk.state["scene"]["forces"]) == 2
-        assert (
-            desk.page.evaluate(late, None) == "refused"
-        )  # nor is another's edit undone in place of one's own
-        desk.settled()
-        assert len(desk.state["scene"]["forces"]) == 1
-        # what means the same is made
-        mass = [{"set": ["objects", "ball", "mass"], "value": 77}]
-        assert desk.page.evaluate(late, mass) == "made"
-        desk.settled()
-        assert desk.state["scene"]["objects"]["ball"]["mass"] == 77
