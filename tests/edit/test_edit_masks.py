@@ -385,14 +385,16 @@ def test_maps_of_another_scene_are_left_to_it(desk: Desk) -> None:
     """A file that extends another gets maps of its own when one is corrected."""
     disc, _ = by_place(desk)
     desk.path = desk.folder / "mine.yaml"
-    desk.path.write_text(f"extends: scene.yaml\nobjects: {{{disc}: {{friction: 0.3}}}}\n")
+    desk.path.write_text(
+        f"extends: scene.yaml\nobjects: {{{disc}: {{friction: 0.37, from: {{friction: null}}}}}}\n"
+    )
     desk.live, desk.text = Live(desk.path), desk.path.read_text()
     assets = bytes_of(desk.folder / "scene.assets")
     desk.do(kind="brush", object=disc, strokes=[[85, 45]], radius=8)
     data = yaml.safe_load(desk.text)
     assert data["assets"] == "mine.assets"
     assert data["extends"] == "scene.yaml"
-    assert data["objects"][disc]["friction"] == 0.3
+    assert data["objects"][disc]["friction"] == 0.37
     assert desk.mask(disc)[45, 85]
     assert bytes_of(desk.folder / "scene.assets") == assets
 
