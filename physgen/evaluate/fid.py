@@ -552,7 +552,7 @@ def _table(found: Measured, kind: str, head: str) -> Table:
             f" One half of its clips is {_number(one.halves)} from the other: about what no difference looks like "
             "among half as many."
         )
-    heads = ("method", "clips", "pictures", head, "95 %")
+    heads: tuple[str, ...] = ("method", "clips", "pictures", head, "95 %")
     if others:
         heads += (f"farther than {first}", "95 %", "farther in")
         note += " All methods share the draws, so that what they have in common cancels in differences."
