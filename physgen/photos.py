@@ -128,7 +128,7 @@ def _to_srgb(band: NDArray[Any], has_alpha: bool, linear: Linear | None) -> tupl
     opaque = alpha is None or bool((alpha == full).all())
     if linear is None and opaque:
         return np.broadcast_to(_eight_bits(colour), (*colour.shape[:2], 3)), True
-    light = (linear or _by_curves(full + 1, [decode]))(colour)
+    light = (linear or _by_curves(full + 1, [lambda v: decode(v).astype(np.float64)]))(colour)
     if alpha is not None and not opaque:
         light = 1 + (light - 1) * (alpha.astype(np.float32) / np.float32(full))[:, :, None]
     return encode_u8(light), opaque
@@ -225,7 +225,7 @@ def read_16_bit(image: Image.Image, path: Path) -> U16 | None:
     Pillow cuts colours of 16 bits to 8, so OpenCV reads those.
     """
     if image.mode.startswith("I"):
-        return np.clip(np.asarray(image), 0, 65535).astype(np.uint16)[:, :, None]
+        return np.asarray(np.clip(np.asarray(image), 0, 65535)[:, :, None], np.uint16)
     if _bits(image, path) != 16 or image.mode not in ("LA", "RGB", "RGBA"):
         return None
     log = getattr(cv2.utils, "logging", cv2)  # OpenCV 5, and 4: it must not print
