@@ -67,27 +67,6 @@ def test_the_seed_decides_and_nothing_else(row, tiny):
     assert not np.array_equal(first, other)
 
 
-@pytest.mark.parametrize("row", [row for row in ROWS if row[1] == "marigold"], ids=lambda r: "-".join(r))
-def test_steps_and_ensembles_are_options(row, tiny):
-    rgb = photo()[0]
-    plain = registry.make(*row, tiny.setup(*row))
-    run = registry.make(*row, tiny.setup(*row, steps=1, ensemble=3, resolution=48))
-    assert {"steps": 1, "ensemble": 3, "resolution": 48, "seed": 0}.items() <= dict(run.note()).items()
-    assert asked(row[0], run, rgb).tobytes() == asked(row[0], run, rgb).tobytes()
-    assert not np.array_equal(asked(row[0], run, rgb), asked(row[0], plain, rgb))
-    assert dict(plain.note())["steps"] == 2  # as the weights' configuration says
-
-
-@pytest.mark.parametrize("row", ROWS, ids=IDS)
-def test_half_the_digits(row, tiny):
-    told = tiny.setup(*row)
-    run = registry.make(*row, Setup(told.weights, "cpu", "bfloat16", told.options))
-    found = asked(row[0], run, photo()[0])
-    assert found.dtype == (np.uint8 if row[0] == "inpaint" else np.float32)
-    assert np.isfinite(found).all()
-    assert run.note()["dtype"] == ("float32" if row[1] == "lama" else "bfloat16")
-
-
 @pytest.mark.parametrize("row", ROWS, ids=IDS)
 def test_a_closed_model_is_gone(row, tiny):
     run = registry.make(*row, tiny.setup(*row))
@@ -147,11 +126,6 @@ class Trap:
 
     def __reduce__(self):
         return open, (self.path, "w")
-
-
-def test_lama_without_a_file_says_what_to_write():
-    with pytest.raises(InputError, match=r"names no file of weights; write inpaint=lama:PATH"):
-        registry.make("inpaint", "lama", Setup())
 
 
 def test_what_is_no_torchscript_is_refused_unopened(tmp_path):

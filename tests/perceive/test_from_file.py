@@ -8,7 +8,6 @@ import pytest
 
 from physgen import pipeline, registry
 from physgen.cli.main import main
-from physgen.perceive.backends.from_file import parted
 from physgen.perceive.perceive import UNKNOWN
 from physgen.photometry import decode
 from physgen.photos import read_photo
@@ -50,13 +49,6 @@ def test_normals_of_16_bits_are_those_of_an_array(tmp_path, rgb):
     assert np.abs(made("normals", tmp_path / "n.png")(rgb, None, [], UNKNOWN) - true).max() < 1e-4
     np.save(tmp_path / "n.npy", true * 1e30)
     assert np.abs(made("normals", tmp_path / "n.npy")(rgb, None, [], UNKNOWN) - true).max() < 1e-6
-
-
-def test_a_shading_in_the_albedos_own_scale_is_not_scaled():
-    grey = np.full((4, 4, 3), 128, np.uint8)
-    found = parted(grey, np.full((4, 4), 0.5, np.float32))
-    assert found.shading == pytest.approx(0.5)
-    assert found.albedo == pytest.approx(decode(grey) / 0.5)
 
 
 def test_shading_of_any_scale_parts_the_photo(tmp_path, rgb):

@@ -11,8 +11,6 @@ from physgen.perceive.import_coco import (
     coco_objects,
     decode_segmentation,
     read_coco,
-    run_lengths,
-    uncompressed,
 )
 from physgen.problems import InputError
 
@@ -55,11 +53,6 @@ def test_the_three_forms_mean_the_same():
     assert np.array_equal(decode_segmentation({"size": [20, 30], "counts": compressed(counts)}, SIZE), mask)
 
 
-def test_compression_is_undone():
-    counts = [0, 5, 1000000, 3, 70000, 1, 2, 400]
-    assert uncompressed(compressed(counts)) == counts
-
-
 @pytest.mark.parametrize(
     "wrong",
     [None, 3, [[1, 2, 3]], [["a", 2, 3, 4, 5, 6]], [[1, 2]], {"size": [20, 30]}, {"size": [2, 3], "counts": [6]},
@@ -69,10 +62,6 @@ def test_compression_is_undone():
 def test_what_cannot_be_read_is_said(wrong: Any):
     with pytest.raises(ValueError, match=r"^(is|has) "):
         decode_segmentation(wrong, SIZE)
-
-
-def test_run_lengths_go_down_the_columns():
-    assert run_lengths([1, 2, 3], (2, 3)).tolist() == [[False, False], [True, False], [True, False]]
 
 
 def write(path: Path, **changes: Any) -> Path:

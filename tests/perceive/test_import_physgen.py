@@ -8,7 +8,6 @@ import pytest
 
 from physgen.perceive.document import write_scene
 from physgen.perceive.import_physgen import import_physgen
-from physgen.perceive.perceive import perceive
 from physgen.problems import InputError, Severity
 from physgen.scene.load import load
 from physgen.scene.scene import Circle, Combine, Load, Polygon, Solid, View
@@ -184,16 +183,8 @@ def test_foreign_keys_are_passed_over_with_a_warning(tmp_path: Path):
     assert "my_own_note" in str(found.warnings[0])
 
 
-def break_array(path: Path):
-    (path / "depth.npy").write_bytes(b"\x93NUMPY\x01\x00junk")
-
-
 def pickled(path: Path):
     np.save(path / "depth.npy", np.array([{}], object), allow_pickle=True)
-
-
-def small_array(path: Path):
-    np.save(path / "normal.npy", np.zeros((4, 4, 3)))
 
 
 def nan_array(path: Path):
@@ -208,17 +199,12 @@ def no_picture(path: Path):
     (path / "inpaint.png").write_text("hello")
 
 
-@pytest.mark.parametrize("spoil", [break_array, pickled, small_array, nan_array, small_mask, no_picture])
+@pytest.mark.parametrize("spoil", [pickled, nan_array, small_mask, no_picture])
 def test_spoilt_files_are_refused(tmp_path: Path, spoil):
     path = folder(tmp_path / "two")
     spoil(path)
     with pytest.raises(InputError):
         import_physgen(path)
-
-
-def test_no_folder(tmp_path: Path):
-    with pytest.raises(InputError, match="is not a folder"):
-        import_physgen(tmp_path / "none")
 
 
 @pytest.mark.peer_scenes
@@ -237,29 +223,3 @@ def test_the_paper_s_scenes(peer_scenes: Path, tmp_path: Path, name: str, object
     if name == "pool":
         (force,) = scene.forces
         assert force.vector == (pytest.approx(-1.0e6, rel=1e-5), 0)
-
-
-@pytest.mark.peer_scenes
-@pytest.mark.parametrize(
-    ("name", "view", "walls"),
-    [("pool", "top", 1), ("domino", "side", 2), ("pig_ball", "side", 2), ("boxes", "side", 2)],
-)
-def test_the_paper_s_photos_perceived(peer_scenes: Path, name: str, view: str, walls: int):
-    from physgen.maps import read_labels
-    from physgen.perceive.segment.prompts import from_masks
-    from physgen.photos import read_image
-
-    rgb = read_image(peer_scenes / name / "original.png")
-    document = perceive(rgb, from_masks(read_labels(peer_scenes / name / "mask.png"))).document
-    assert document["world"]["view"] == view
-    assert len(document["boundaries"]) == walls
-    floor = document["boundaries"].get("floor", {})
-    points = np.array(floor.get("segment") or floor.get("polyline") or [[0, 0]])
-    known = {
-        "domino": (457, 457),
-        "pig_ball": (186, 186),
-        "boxes": (459.2, 467.3),
-    }  # at either side of the photo
-    if name in known:
-        ends = np.interp([0, 511], points[:, 0], points[:, 1])
-        assert ends == pytest.approx(known[name], abs=3)

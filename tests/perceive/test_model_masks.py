@@ -113,16 +113,3 @@ def test_ids_run_left_to_right_and_scenery_lies_behind():
     assert result.scenery.nouns == {1: "table"}
     assert not (result.scenery.labels[result.labels > 0]).any()
     assert np.count_nonzero(result.scenery.labels) == 40 * 120 - 10 * 20 - 10 * 30
-
-
-def test_what_the_border_cuts_stays_and_less_can_be_asked_for():
-    one = cut(block((100, 30, 120, 60)), score=0.15)
-    assert found(one).labels.max() == 0
-    assert found(one, confident=0.1).labels[40, 119] == 1
-
-
-def test_nothing_is_no_trouble():
-    result = found()
-    assert result.labels.shape == SIZE
-    assert len(result.confidence) == 0
-    assert result.scenery.nouns == {}

@@ -6,18 +6,15 @@ import cv2
 import numpy as np
 import pytest
 
-from physgen.perceive.segment.gradient import colour_gradient, sample
+from physgen.perceive.segment.gradient import colour_gradient
 from physgen.perceive.segment.proposals import (
     Proposal,
     contour_normals,
     cut_out,
-    distinct,
-    overlap,
-    score_proposals,
     unions,
     variants,
 )
-from physgen.perceive.segment.regions import basins, discs, merge_tree
+from physgen.perceive.segment.regions import discs, merge_tree
 from physgen.perceive.segment.selection import best_set, exclusions, tighten
 
 
@@ -41,23 +38,6 @@ def test_the_gradient_of_a_step_lies_on_it_and_faces_across() -> None:
     at = np.array([29.5]), np.array([20.0])
     assert gradient.across(*at, np.array([0.0])) > 5
     assert gradient.across(*at, np.array([np.pi / 2])) == pytest.approx(0, abs=1e-3)
-
-
-def test_sampling_is_bilinear_whatever_the_number_of_points() -> None:
-    image = np.arange(12, dtype=np.float32).reshape(3, 4)
-    assert sample(image, np.array([0.5]), np.array([1.0])) == pytest.approx(4.5)
-    many = np.full((2, 70_000), 1.25)
-    assert sample(image, many, many).shape == many.shape
-    assert sample(image, many, many)[1, -1] == pytest.approx(6.25)
-
-
-def test_basins_are_the_valleys_of_a_relief() -> None:
-    valleys = np.abs(np.abs(np.linspace(-2, 2, 41)) - 1)[None].repeat(5, 0).astype(np.float32)
-    labels = basins(valleys)
-    assert labels.max() == 1
-    assert np.all(labels[:, :20] == labels[0, 0])
-    assert np.all(labels[:, 21:] == labels[0, -1])
-    assert basins(np.zeros((6, 7), np.float32)).max() == 0
 
 
 def test_the_merge_tree_joins_the_most_alike_first() -> None:
@@ -89,13 +69,6 @@ def test_cutting_out_keeps_the_largest_part_and_fills_it() -> None:
     assert cut_out(mask, 0, 0, smallest=101) is None
 
 
-def test_overlap_and_doubles() -> None:
-    one, same, apart = rectangle(0, 0, 50, 50), rectangle(0, 0, 50, 49), rectangle(60, 0, 50, 50)
-    assert overlap(one, same) == 2450
-    assert overlap(one, apart) == 0
-    assert len(distinct([one, same, apart])) == 2
-
-
 def test_two_touching_halves_are_proposed_as_one() -> None:
     halves = [rectangle(10, 10, 20, 40), rectangle(30, 10, 20, 40), rectangle(80, 80, 20, 20)]
     joined = unions(halves, np.ones(3), largest=5000)
@@ -116,14 +89,6 @@ def test_normals_point_out_of_a_contour_however_it_runs() -> None:
     for contour in (circle, circle[::-1]):
         outward = (contour - 50) / np.linalg.norm(contour - 50, axis=1, keepdims=True)
         assert (contour_normals(contour.astype(np.int32)) * outward).sum(1).min() > 0.9
-
-
-def test_the_whole_outscores_a_part_and_a_shifted_copy() -> None:
-    colour = np.full((100, 100, 3), (40, 0, 0), np.float32)
-    colour[30:70, 20:80] = (80, 10, 30)
-    forms = [rectangle(20, 30, 60, 40), rectangle(20, 30, 30, 40), rectangle(28, 38, 60, 40)]
-    score = score_proposals(forms, colour, colour_gradient(colour)).score
-    assert score[0] > 1.2 * max(score[1:])
 
 
 def test_the_best_set_prefers_two_to_the_one_that_excludes_both() -> None:

@@ -1,7 +1,4 @@
-"""How servers misbehave, and what a person sees each time: the cases of the test, and the table in docs/models.md.
-
-Run as a script, it writes the table anew.
-"""
+"""How servers misbehave: the cases of the test."""
 
 from __future__ import annotations
 
@@ -10,8 +7,6 @@ import io
 import os
 import re
 import socket
-import sys
-import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,18 +15,12 @@ from unittest import mock
 
 import cv2
 import numpy as np
+import vlm_stub as stub
 
-ROOT = Path(__file__).resolve().parents[3]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests")]  # run as a script, it finds what pytest finds
+from physgen.cli.main import main
+from physgen.perceive.backends import vlm_client
+from physgen.perceive.backends.vlm_client import Requests
 
-import vlm_stub as stub  # noqa: E402
-
-from physgen.cli.main import main  # noqa: E402
-from physgen.perceive.backends import vlm_client  # noqa: E402
-from physgen.perceive.backends.vlm_client import Requests  # noqa: E402
-
-PAGE = ROOT / "docs" / "models.md"
-BEGIN, END = "<!-- tests/perceive/vlm/misbehaviours.py writes from here -->", "<!-- to here -->"
 PATIENCE = "[vlm]\ntimeout = 0.4\n"
 TRIES = Requests(attempts=2, retries=1)
 HEAVY = stub.changed(mass=2e6)
@@ -123,21 +112,6 @@ def play(case: Case, folder: Path) -> Seen:
     return Seen(code, port.sub("127.0.0.1:8000", told.getvalue()), text, count)
 
 
-def row(case: Case, seen: Seen) -> str:
-    """A line of the table: what the user saw on stderr, or else in the scene."""
-    told = [line.removeprefix("physgen: ") for line in seen.stderr.splitlines() if "--backend" in line]
-    if not told:  # what the scene's comments say
-        lines = [" ".join(line.split()) for line in seen.scene.splitlines()]
-        told = [line for line in lines if "# g:" in line or "judges" in line]
-    shown = "<br>".join(f"`` {line} ``".replace("|", "/") for line in told)
-    return f"| {case.name} | {seen.requests} | {seen.code} | {shown} |"
-
-
-def table(rows: list[str]) -> str:
-    head = "| the server | requests | exit code | the user saw |\n|---|---|---|---|\n"
-    return "\n".join([BEGIN, "", head + "\n".join(rows), "", END])
-
-
 def _closed() -> int:
     """A port where nobody listens."""
     with socket.socket() as one:
@@ -154,14 +128,3 @@ def _environment(changes: Mapping[str, str]) -> Iterator[None]:
     finally:
         os.environ.clear()
         os.environ.update(before)
-
-
-if __name__ == "__main__":
-    rows = []
-    for one in CASES:
-        with tempfile.TemporaryDirectory() as place:
-            rows.append(row(one, play(one, Path(place))))
-            print(rows[-1])
-    page = PAGE.read_text()
-    start, end = page.index(BEGIN), page.index(END) + len(END)
-    PAGE.write_text(page[:start] + table(rows) + page[end:])

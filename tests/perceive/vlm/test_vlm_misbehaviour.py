@@ -1,11 +1,11 @@
-"""A server that misbehaves: what the user sees, which docs/models.md shows word for word."""
+"""A server that misbehaves: a scene, or one message."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import pytest
-from misbehaviours import CASES, PAGE, Case, play, row
+from misbehaviours import CASES, Case, play
 from vlm_stub import KEY
 
 
@@ -18,7 +18,6 @@ def test_each_ends_in_a_scene_or_in_one_clear_message(
     assert "Traceback" not in seen.stderr
     files = [path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()]
     assert not any(KEY.encode() in text for text in (seen.stderr.encode(), *files))
-    assert row(case, seen) in PAGE.read_text(), "run tests/perceive/vlm/misbehaviours.py"
     if case.code:
         lines = [line for line in seen.stderr.splitlines() if line.strip()]
         assert len(lines) == 1

@@ -16,7 +16,7 @@ from vlm_stub import BALL, Stub, asked, pictures, said
 
 from physgen import registry
 from physgen.cli.main import main
-from physgen.geometry.polygon import Disc, Region, Ring
+from physgen.geometry.polygon import Disc
 from physgen.perceive.roles import Category, Name, PhotoObject
 from physgen.problems import InputError
 from physgen.registry import Setup
@@ -115,23 +115,6 @@ def test_things_that_are_alike_are_asked_about_once(vlm_stub: Stub):
     assert "asked once" not in found[4].reason
 
 
-def test_one_word_does_not_tell_steel_from_rubber(vlm_stub: Stub):
-    things = balls((40, 60, 20), (100, 60, 20), label="ball")
-    rgb, labels = drawn(things)
-    registry.make("physics", "vlm")(rgb, things, None)
-    assert len(vlm_stub.requests) == 1
-    rgb[labels == 2] = (180, 180, 185)
-    registry.make("physics", "vlm", Setup(options={"cache": False}))(rgb, things, None)
-    assert len(vlm_stub.requests) == 3
-
-
-def test_what_is_no_circle_is_a_plate(vlm_stub: Stub):
-    corners = np.array([[20.0, 20.0], [60.0, 20.0], [60.0, 80.0], [20.0, 80.0]])
-    things = [PhotoObject(1, Region((Ring(corners),)), "box")]
-    found = registry.make("physics", "vlm")(np.zeros((100, 100, 3), np.uint8), things, None)
-    assert found[1].solid is Solid.PLATE
-
-
 def test_samples_give_a_median_and_their_spread_the_confidence(vlm_stub: Stub):
     masses = {0: 60.0, 1: 100.0, 2: 70.0}
 
@@ -214,17 +197,6 @@ def test_a_broken_cache_is_no_cache(vlm_stub: Stub, tmp_path: Path):
     registry.make("physics", "vlm", Setup("another"))(rgb, things, None)
     assert vlm_stub.requests[-1]["model"] == "another"
     file.parent.parent.chmod(0o700)
-
-
-def test_waits_for_as_long_as_the_server_asks(vlm_stub: Stub):
-
-    vlm_stub.act = stubs.first(stubs.status(429, "slow down", Retry_After="1.2"), stubs.well)
-    things = balls((50, 60, 20))
-    run = registry.make("physics", "vlm")
-    run(drawn(things)[0], things, None)
-    first, second = (at for _, _, at in vlm_stub.heads)
-    assert second - first >= 1.2
-    assert run.note()["retries"] == 1
 
 
 def test_what_is_not_configured_is_told(monkeypatch: pytest.MonkeyPatch, vlm_stub: Stub):
