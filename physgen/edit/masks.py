@@ -32,11 +32,10 @@ from physgen.perceive.roles import SMALLEST_OBJECT, Name, PhotoObject, PromptedM
 from physgen.perceive.segment.prompts import (
     PROMPT_ODDS,
     PhotoProposals,
+    Segmenter,
     photo_proposals,
-    prompted_answers,
     segment_box,
     segment_point,
-    segmenter,
 )
 from physgen.pipeline.stages import Recent
 from physgen.problems import InputError
@@ -258,19 +257,13 @@ class PromptSegmenter:
     def box(self, rgb: Rgb, box: Sequence[float]) -> PromptedMask:
         """The object in a box (left, top, width, height). Raises EditError."""
         with _edit_errors():
-            segment = segmenter(Backends())
             x, y, width, height = box
-            answers = prompted_answers(rgb, [(x, y, width, height)], [], segment)
-            return answers.get(0) or segment_box(rgb, (x, y, width, height))
+            return segment_box(rgb, (x, y, width, height))
 
     def point(self, rgb: Rgb, key: str, point: tuple[float, float]) -> PromptedMask:
         """The object at a point. Raises EditError; `key` identifies the photo."""
         with _edit_errors():
-            segment = segmenter(Backends())
-            answers = prompted_answers(rgb, [], [point], segment)
-            if 0 in answers:
-                return answers[0]
-            found = self._segmented.of(key, partial(segment, rgb))
+            found = self._segmented.of(key, partial(Segmenter(Backends()), rgb))
             return segment_point(
                 rgb, point, found, partial(self._proposed.of, key, partial(photo_proposals, rgb))
             )

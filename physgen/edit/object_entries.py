@@ -16,7 +16,7 @@ from physgen.edit.live import CompiledScene, Live
 from physgen.geometry.polygon import Disc, Outline, bounds, mass_properties
 from physgen.maps import Percepts
 from physgen.perceive import document
-from physgen.perceive.refresh import TableValues, find_table_values, with_new_values
+from physgen.perceive.refresh import perceived_keys, rewritten
 from physgen.perceive.roles import BoundaryGuess, Detections, Name, PhotoObject
 from physgen.perceive.scale import DEFAULT_SCALE
 from physgen.problems import InputError
@@ -37,8 +37,6 @@ class Correction:
     maps: Percepts
     document: Mapping[str, Any]
     """The file's data, with what it extends, without defaults."""
-    ours: TableValues
-    """Values of the table that no user has set."""
     masks: dict[str, Mask] = field(default_factory=dict)
     """New pixels of objects that were there."""
     fresh: dict[str, Mask] = field(default_factory=dict)
@@ -84,7 +82,7 @@ class Correction:
 
     def has_own_mass(self, name: str) -> bool:
         """Whether an object has a mass that is not the table's."""
-        return "mass" in self.was(name) and "mass" not in self.ours.keys.get(name, frozenset())
+        return "mass" in self.was(name) and "mass" not in table_keys(self.was(name))
 
 
 def begin(live: Live, text: str, maps: Path | None) -> Correction:
@@ -98,16 +96,14 @@ def begin(live: Live, text: str, maps: Path | None) -> Correction:
     if percepts is None:
         raise impossible("the scene has no photo, so there is nothing to mask", "draw the object's shape")
     scene, own = sight.scene, written.get("objects") or {}
-    objects = {
-        item.name: photo_object(k + 1, sight.compiled.shapes.outlines[k], item.label, scene.size)
-        for k, item in enumerate(scene.objects)
-        if item.name in own
-    }
-    plain = {**written, "objects": {name: dict(own[name] or {}) for name in objects}}
-    guessed = registry.make("label")(percepts.rgb, sight.compiled.labels, list(objects.values()))
-    table = registry.find("physics").name
-    ours = find_table_values(plain, percepts.rgb, objects, guessed, registry.make("physics"), table)
-    return Correction(live, text, sight, percepts, plain, ours)
+    names = [item.name for item in scene.objects if item.name in own]
+    plain = {**written, "objects": {name: dict(own[name] or {}) for name in names}}
+    return Correction(live, text, sight, percepts, plain)
+
+
+def table_keys(was: Data) -> set[str]:
+    """Keys of an object that the material table gave."""
+    return perceived_keys(was, registry.find("physics").name)
 
 
 def photo_object(id_: int, outline: Outline, label: str, size: tuple[int, int]) -> PhotoObject:
@@ -142,8 +138,13 @@ def changed_entry(
 
     Values of the table are computed again; what a user set stays.
     """
-    ours = work.ours.keys.get(source, frozenset())
-    result = with_new_values(work.was(source), new_entry(work, labels, one, name, None), ours, label)
+    was = work.was(source)
+    ours = table_keys(was)
+    result = rewritten(was, new_entry(work, labels, one, name, None), ours)
+    if label is not None:
+        result["label"] = label
+        if "from" in result:
+            result["from"] = {key: who for key, who in result["from"].items() if key != "label"}
     if result.get("shape", "auto") != "auto":
         result["shape"] = document.shape_entry(one.outline)
     if not isinstance(one.outline, Disc):  # only round objects roll

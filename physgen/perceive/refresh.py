@@ -14,10 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from physgen.geometry.polygon import Array
-from physgen.geometry.simplify import distances_to_line
 from physgen.materials import kind
-from physgen.perceive.roles import Detections, Labels, Name, PhotoObject, Physics, Rgb
+from physgen.perceive.roles import Detections, Labels, Name, PhotoObject, Rgb
 from physgen.perceive.scale import DEFAULT_SCALE, MIN_SCALE_CONFIDENCE, photo_scale
 from physgen.perceive.segment.prompts import Box, Point, Segmenter, from_prompts
 from physgen.scene.scene import BoxPrompt, MaskId, Object
@@ -28,8 +26,6 @@ EQUAL = 0.01
 """Relative difference of equal scales: outlines are written to 0.01 px."""
 WRITTEN = 1e-5
 """Relative difference of equal numbers: scenes are written with six digits or more."""
-TABLE_KEYS = ("mass", "friction", "elasticity", "rolling")
-"""Keys of an object that the table gives."""
 PIXEL_KEYS = ("mask", "shape", "prompt")
 """Keys of an object that follow its pixels."""
 GLIDING = {"friction": 0}
@@ -209,65 +205,36 @@ def merge_documents(
     return result | ({"boundaries": fresh | walls} if fresh or "boundaries" in old else {})
 
 
+def perceived_keys(was: Entry, source: str = "") -> set[str]:
+    """Keys of an object that its `from` names, but for label and mask; only those of `source` where it is given."""
+    sources = was.get("from", {})
+    keys = {key for key, one in sources.items() if not source or str(one).split(" ")[0] == source}
+    return (keys | ({"solid"} if "mass" in keys else set())) - {"label", "mask"}
+
+
 def merge_object(was: Entry, now: Entry, prompted: bool = False) -> dict[str, Any]:
     """An object as it `was`, with what its `from` names as it is `now`; pixels follow where it is `prompted`.
 
     An object of nothing but a mask is filled in.
     """
-    sources = dict(was.get("from", {}))
     if set(was) <= {"mask", "from"}:
-        return {**now, **was, "from": {**now["from"], **sources}}
-    result = {key: value for key, value in was.items() if key != "from"}
-    keys = set(sources) - {"label", "mask"}
-    if sources and "layer" not in was:
+        return {**now, **was, "from": {**now["from"], **was.get("from", {})}}
+    keys = perceived_keys(was) | (set(PIXEL_KEYS) if prompted else set())
+    if "from" in was and "layer" not in was:
         keys.add("layer")
-    if "mass" in keys:
-        keys.add("solid")
-    if prompted:
-        keys.update(PIXEL_KEYS)
+    return rewritten(was, now, keys)
+
+
+def rewritten(was: Entry, now: Entry, keys: Collection[str]) -> dict[str, Any]:
+    """An object as it `was`, with its `keys` and their sources as they are `now`."""
+    result, sources = dict(was), dict(was.get("from", {}))
     for key in keys:
-        for table, values in ((result, now), (sources, now["from"])):
-            table.pop(key, None) if key not in values else table.update({key: values[key]})
+        for values, new in ((result, now), (sources, now["from"])):
+            if key in new:
+                values[key] = new[key]
+            else:
+                values.pop(key, None)
     return result | ({"from": sources} if sources else {})
-
-
-@dataclass(frozen=True)
-class TableValues:
-    """Values that no user has set: those that `from` says are the table's."""
-
-    keys: Mapping[str, frozenset[str]]
-    """Keys of objects, by name."""
-    scale: bool
-    """See `follows_scale`."""
-
-
-def find_table_values(
-    scene: Entry,
-    rgb: Rgb,
-    objects: Mapping[str, PhotoObject],
-    guessed: Mapping[int, Name],
-    physics: Physics,
-    table: str,
-) -> TableValues:
-    """`scene` is the file's data, `objects` its objects by name; `table` is the backend `physics` as in `from`."""
-    keys = {}
-    for name in objects:
-        sources = scene["objects"][name].get("from", {})
-        own = {key for key in TABLE_KEYS if str(sources.get(key, "")).split(" ")[0] == table}
-        keys[name] = frozenset(own | ({"solid"} if "mass" in own else set()))
-    return TableValues(keys, follows_scale(scene, list(objects.values()), guessed))
-
-
-def with_new_values(was: Entry, now: Entry, keys: frozenset[str], label: str | None) -> dict[str, Any]:
-    """An object as it `was`, with its `keys` as they are `now`; `label` is the user's new one."""
-    sources = {
-        key: now["from"].get(key, one) if key in keys else one for key, one in was.get("from", {}).items()
-    }
-    result = {**was, **{key: now[key] for key in keys & set(now)}}
-    if label is not None:
-        result["label"] = label
-        sources.pop("label", None)
-    return {**result, "from": sources} if "from" in was else result
 
 
 def doubtful_lines(text: str, names: Collection[str]) -> list[str]:
@@ -276,25 +243,9 @@ def doubtful_lines(text: str, names: Collection[str]) -> list[str]:
     return [line for line in found if line.partition(":")[0] not in names]
 
 
-def wall_distance(was: Entry, now: Entry) -> float:
-    """px from one wall to the farthest point of another, both ways; infinity where one of them is no line."""
-    return max(distance_to_wall(was, now), distance_to_wall(now, was))
-
-
-def distance_to_wall(was: Entry, now: Entry) -> float:
-    """px from one wall to the farthest point of another that may be a part of it; infinity where one is no line."""
-    one, other = _points(was), _points(now)
-    return float("inf") if one is None or other is None else float(distances_to_line(other, one, False).max())
-
-
 def free_name(name: str, taken: Collection[str]) -> str:
     """The name, or the first of `name-2`, `name-3`, ... that is not taken."""
     free, k = name, 2
     while free in taken:
         free, k = f"{name}-{k}", k + 1
     return free
-
-
-def _points(wall: Entry) -> Array | None:
-    points = wall.get("segment") or wall.get("polyline")
-    return None if points is None else np.asarray(points, np.float64)

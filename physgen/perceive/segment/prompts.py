@@ -139,16 +139,6 @@ class Segmenter:
         return {k: one for k, one in enumerate(masks) if np.count_nonzero(one.mask) >= SMALLEST_OBJECT}
 
 
-segmenter = Segmenter
-
-
-def prompted_answers(
-    rgb: Rgb, boxes: Sequence[Box], points: Sequence[Point], segment: Segmenter
-) -> dict[int, PromptedMask]:
-    """See `Segmenter.answers`."""
-    return segment.answers(rgb, boxes, points)
-
-
 def from_masks(labels: NDArray[np.uint16], names: Mapping[int, str] | None = None) -> Detections:
     """The objects of a label map (H, W); `names` are known labels by id."""
     known = {i: Name(text, 1.0) for i, text in (names or {}).items()}
