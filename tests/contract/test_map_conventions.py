@@ -14,7 +14,7 @@ import pytest
 import torch
 
 from physgen import registry
-from physgen.perceive.backends.depth_anything import FARTHEST, receding
+from physgen.perceive.backends.depth_anything import DEPTH, receding
 from physgen.photometry import decode, encode, encode_u8, luminance
 from physgen.registry import Setup
 from tests.contract import tiny_maps
@@ -98,7 +98,7 @@ def test_depth_anythings_inverse_depth_becomes_depth(tiny):
 def test_the_sky_is_far_and_nearness_keeps_its_order():
     near = np.array([[0.0, 1e-3, 0.5, 4.0, 8.0]], np.float32)
     depth = receding(near)
-    assert depth[0, 0] == pytest.approx(FARTHEST)
+    assert depth[0, 0] == pytest.approx(DEPTH.farthest)
     assert depth[0, -1] == pytest.approx(1)
     assert (np.diff(depth[0]) < 0).all()
     assert (receding(np.zeros((2, 2), np.float32)) == 1).all()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -19,19 +20,27 @@ from physgen.perceive.roles import Rgb
 from physgen.problems import InputError
 from physgen.registry import Setup, find
 
-FARTHEST = 50.0
-"""Distance of points without parallax (the sky), relative to the nearest point."""
-PATCH = 14
-"""px: the sides of the network's input are multiples of it."""
-LONGEST = 3.0
-"""The longer side of the input at most, as a multiple of `resolution`: the cost of attention is quadratic."""
+
+@dataclass(frozen=True)
+class DepthConstants:
+    """Constants of the depth."""
+
+    farthest: float = 50.0
+    """Distance of points without parallax (the sky), relative to the nearest point."""
+    patch: int = 14
+    """px: the sides of the network's input are multiples of it."""
+    longest: float = 3.0
+    """The longer side of the input at most, as a multiple of `resolution`: the cost of attention is quadratic."""
+
+
+DEPTH = DepthConstants()
 
 
 class Depth(ModelBackend):
     """The backend `depth-anything`; `resolution` is the shorter side of the network's input, px."""
 
     def __init__(self, setup: Setup) -> None:
-        options = read_options(setup, "depth-anything", {"resolution": whole_number(518, PATCH)})
+        options = read_options(setup, "depth-anything", {"resolution": whole_number(518, DEPTH.patch)})
         weights = setup.weights or find("depth", "depth-anything").weights[0].id
         super().__init__(setup, weights, "Depth Anything", options | {"unit": ""})
 
@@ -69,14 +78,14 @@ depth = Depth
 def receding(nearness: NDArray[np.float32]) -> NDArray[np.float32]:
     """Depth from inverse depth >= 0, larger = nearer, with unknown scale and shift.
 
-    The nearest point gets 1, points without parallax `FARTHEST`; between them depth is the inverse, so that ratios of
-    near depths are right if the shift is small. The order is kept strictly. A map without any parallax is all 1.
+    The nearest point gets 1, points without parallax `DEPTH.farthest`; between them depth is the inverse, so that
+    ratios of near depths are right if the shift is small. The order is kept strictly. A map without any parallax is all 1.
     """
     most = float(nearness.max())
     if most <= 0:
         return np.ones_like(nearness)
     share = np.clip(nearness / most, 0, 1)
-    return np.asarray(1 / (share * (1 - 1 / FARTHEST) + 1 / FARTHEST), np.float32)
+    return np.asarray(1 / (share * (1 - 1 / DEPTH.farthest) + 1 / DEPTH.farthest), np.float32)
 
 
 def input_size(shape: tuple[int, ...], resolution: int) -> tuple[int, int]:
@@ -85,6 +94,6 @@ def input_size(shape: tuple[int, ...], resolution: int) -> tuple[int, int]:
     >>> input_size((1080, 1920), 518)
     (518, 924)
     """
-    scale = min(resolution / min(shape), LONGEST * resolution / max(shape))
-    tall, wide = (max(1, round(side * scale / PATCH)) * PATCH for side in shape[:2])
+    scale = min(resolution / min(shape), DEPTH.longest * resolution / max(shape))
+    tall, wide = (max(1, round(side * scale / DEPTH.patch)) * DEPTH.patch for side in shape[:2])
     return tall, wide

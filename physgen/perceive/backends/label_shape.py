@@ -7,6 +7,7 @@ where they are clear.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,12 +15,20 @@ from physgen.geometry.polygon import Disc, Outline, Region, mass_properties
 from physgen.perceive.roles import Label, Labels, Name, PhotoObject, Rgb
 from physgen.perceive.scale import box_sides
 
-BOXY = 0.88
-"""Least share of its smallest bounding box that a block covers."""
-LONG = 8.0
-"""Length over width from which a block is a stick."""
-ALIKE = 0.9
-"""Least common share of a bottle's outline and its mirror image."""
+
+@dataclass(frozen=True)
+class ShapeConstants:
+    """Constants of the names."""
+
+    boxy: float = 0.88
+    """Least share of its smallest bounding box that a block covers."""
+    long: float = 8.0
+    """Length over width from which a block is a stick."""
+    alike: float = 0.9
+    """Least common share of a bottle's outline and its mirror image."""
+
+
+SHAPE = ShapeConstants()
 
 
 def shape() -> Label:
@@ -36,8 +45,8 @@ def _name(outline: Outline, cut: bool) -> Name:
         return Name("ball", 0.5)
     long, short = box_sides(outline)
     if len(outline.rings) == 1:
-        if mass_properties(outline).area / (long * short) > BOXY:
-            return Name("stick", 0.3) if long > LONG * short and not cut else Name("block", 0.4)
+        if mass_properties(outline).area / (long * short) > SHAPE.boxy:
+            return Name("stick", 0.3) if long > SHAPE.long * short and not cut else Name("block", 0.4)
         if not cut and _necked(outline):
             return Name("bottle", 0.35)
         if not cut and _handled(outline):
@@ -56,7 +65,7 @@ def _necked(outline: Region) -> bool:
     middle = float(np.median((left + right) / 2))
     common = 2 * np.minimum(middle - left, right - middle).clip(0)
     narrowing = np.diff(np.array([float(np.median(widths[k : k + 6])) for k in range(2, 40, 6)]))
-    return bool(common.sum() > ALIKE * widths.sum() and (narrowing > -0.08 * body).all())
+    return bool(common.sum() > SHAPE.alike * widths.sum() and (narrowing > -0.08 * body).all())
 
 
 def _handled(outline: Region) -> bool:

@@ -8,6 +8,7 @@ where the size is about typical. A photo of unknown scale is assumed to show hal
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from math import log, pi, sqrt
 
 from physgen.geometry.polygon import Disc, Outline
@@ -16,16 +17,24 @@ from physgen.perceive.roles import Matter, PhotoObject, Physics, Rgb
 from physgen.perceive.scale import Extent, object_extent
 from physgen.scene.scene import Solid
 
-ASSUMED_WIDTH = 0.5
-"""m along the longer side of a photo of unknown scale."""
-UNSCALED = 0.3
-"""Confidence of a mass, at most, where the scale is assumed."""
-STANDARD = 0.05
-"""Spread of sizes up to which the kind has one standard mass."""
-LIKE = 0.4
-"""|log| of the size ratio up to which an object may be the typical one."""
-LIGHTEST = 1e-3
-"""g."""
+
+@dataclass(frozen=True)
+class WeighingConstants:
+    """Constants of the masses."""
+
+    width: float = 0.5
+    """m along the longer side of a photo of unknown scale."""
+    unscaled: float = 0.3
+    """Confidence of a mass, at most, where the scale is assumed."""
+    standard: float = 0.05
+    """Spread of sizes up to which the kind has one standard mass."""
+    like: float = 0.4
+    """|log| of the size ratio up to which an object may be the typical one."""
+    lightest: float = 1e-3
+    """g."""
+
+
+WEIGHING = WeighingConstants()
 
 
 def table() -> Physics:
@@ -38,8 +47,8 @@ def _table(rgb: Rgb, objects: Sequence[PhotoObject], pixels_per_meter: float | N
     if pixels_per_meter is not None:
         value, why, most = pixels_per_meter, f"at {pixels_per_meter:.4g} px/m", 1.0
     else:
-        value, why = max(rgb.shape[:2]) / ASSUMED_WIDTH, f"taking the photo to show {ASSUMED_WIDTH:g} m"
-        most = UNSCALED
+        value, why = max(rgb.shape[:2]) / WEIGHING.width, f"taking the photo to show {WEIGHING.width:g} m"
+        most = WEIGHING.unscaled
     return {item.id: _matter(item, kinds[item.id], value, why, most) for item in objects}
 
 
@@ -47,7 +56,7 @@ def _matter(item: PhotoObject, what: Kind, pixels_per_meter: float, why: str, mo
     solid, material = _solid(item.outline, what), what.material
     mass, confidence, reason = _mass(object_extent(item.outline, what), what, pixels_per_meter, why)
     return Matter(
-        mass=float(f"{max(mass, LIGHTEST):.3g}"),
+        mass=float(f"{max(mass, WEIGHING.lightest):.3g}"),
         friction=material.friction,
         elasticity=material.elasticity,
         rolling=material.rolling,
@@ -69,9 +78,9 @@ def _mass(found: Extent, what: Kind, pixels_per_meter: float, why: str) -> tuple
     source = what.source.replace("EST: ", "").replace("EST", "estimated")
     ordinary = f"an ordinary {what.noun} ({source})"
     off = 0.0 if found.per_mm is None else log(found.per_mm * 1000 / pixels_per_meter)
-    if abs(off) < LIKE and what.spread <= STANDARD:
+    if abs(off) < WEIGHING.like and what.spread <= WEIGHING.standard:
         return what.mass, 0.8, ordinary
-    if abs(off) < LIKE:
+    if abs(off) < WEIGHING.like:
         return sqrt(weighed * what.mass), 0.6, f"between {estimate}, and the {what.mass:g} g of {ordinary}"
     return weighed, 0.4, f"{estimate}; it is not as large as {ordinary}"
 

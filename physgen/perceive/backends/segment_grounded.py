@@ -34,13 +34,23 @@ from physgen.registry import Setup, find
 
 MEAN, SPREAD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 """ImageNet's."""
-PROMPT_BATCH = 16
-"""Prompts decoded together: the decoder copies the photo's features for each."""
-TEXT_TOKENS = 256
-"""Of Grounding DINO's text, at most; the model's own `max_text_len` where that is less."""
-LEAST_SCORE = 0.2
-"""Of a box that is passed on to SAM."""
-MOST_BOXES = 100
+
+
+@dataclass(frozen=True)
+class GroundedConstants:
+    """Constants of boxes and prompts."""
+
+    batch: int = 16
+    """Prompts decoded together: the decoder copies the photo's features for each."""
+    tokens: int = 256
+    """Of Grounding DINO's text, at most; the model's own `max_text_len` where that is less."""
+    least_score: float = 0.2
+    """Of a box that is passed on to SAM."""
+    boxes: int = 100
+    """Of a photo, that are passed on."""
+
+
+GROUNDED = GroundedConstants()
 
 
 def with_sam(setup: Setup) -> Grounded:
@@ -180,14 +190,14 @@ class Sam:
     def boxes(self, boxes: Sequence[Box]) -> Iterator[tuple[Mask, float]]:
         """For each box its mask and the mask's expected IoU, 0..1."""
         corners = np.asarray(boxes, np.float32).reshape(-1, 4) * np.tile(self._scale(), 2)
-        for k in range(0, len(corners), PROMPT_BATCH):
-            yield from self._decoded(input_boxes=self._tensor(corners[k : k + PROMPT_BATCH]))
+        for k in range(0, len(corners), GROUNDED.batch):
+            yield from self._decoded(input_boxes=self._tensor(corners[k : k + GROUNDED.batch]))
 
     def points(self, points: Sequence[tuple[float, float]]) -> Iterator[tuple[Mask, float]]:
         """For each point the most likely mask and its expected IoU."""
         scaled = np.asarray(points, np.float32).reshape(-1, 2) * self._scale()
-        for k in range(0, len(scaled), PROMPT_BATCH):
-            some = self._tensor(scaled[k : k + PROMPT_BATCH])[:, :, None]
+        for k in range(0, len(scaled), GROUNDED.batch):
+            some = self._tensor(scaled[k : k + GROUNDED.batch])[:, :, None]
             ones = torch.ones(some.shape[:3], dtype=torch.int, device=self._device)
             yield from self._decoded(input_points=some, input_labels=ones)
 
@@ -263,7 +273,7 @@ class GroundingDino:
         self.tokens, self._images, model = load_weights(_load_dino, weights, "Grounding DINO")
         self.model: Any = model.eval().to(device)
         self._device = device
-        self._most = min(TEXT_TOKENS, int(getattr(model.config, "max_text_len", TEXT_TOKENS)))
+        self._most = min(GROUNDED.tokens, int(getattr(model.config, "max_text_len", GROUNDED.tokens)))
         self.dot = self.tokens.convert_tokens_to_ids(".")
 
     def __call__(self, rgb: Rgb, nouns: Sequence[str]) -> list[NounBox]:
@@ -274,7 +284,7 @@ class GroundingDino:
             found += self._boxes(ready, [plain_noun(nouns[k]) for k in some], some, rgb.shape[:2])
         boxes = np.array([one.box for one in found], np.float64).reshape(-1, 4)
         scores = np.array([one.score for one in found], np.float64)
-        return [found[k] for k in distinct_boxes(boxes, scores)[:MOST_BOXES]]
+        return [found[k] for k in distinct_boxes(boxes, scores)[: GROUNDED.boxes]]
 
     def texts(self, nouns: Sequence[str]) -> list[list[int]]:
         """Indices of the nouns of each text, as many as fit; empty and repeated nouns are left out."""
@@ -315,7 +325,7 @@ class GroundingDino:
         corners = np.stack([x - width / 2, y - height / 2, x + width / 2, y + height / 2], 1)
         corners = np.clip(corners, 0, 1) * [size[1], size[0], size[1], size[0]]
         found: list[NounBox] = []
-        for k in np.flatnonzero(scores.max(1) >= LEAST_SCORE).tolist():
+        for k in np.flatnonzero(scores.max(1) >= GROUNDED.least_score).tolist():
             x0, y0, x1, y1 = corners[k].tolist()
             if x1 - x0 >= 1 and y1 - y0 >= 1:
                 found.append(NounBox((x0, y0, x1, y1), indices[best[k]], float(scores[k, best[k]])))
