@@ -417,8 +417,8 @@ def load_plan(
         switches |= file.switches
         for name, table in file.options.items():
             options.setdefault(name, {}).update(table)
-    flags = {"profile": profile, "device": device, "dtype": dtype}
-    flags = {key: value for key, value in flags.items() if value is not None}
+    given_flags = (("profile", profile), ("device", device), ("dtype", dtype))
+    flags = {key: value for key, value in given_flags if value is not None}
     problems += _switch_problems(flags, {key: Place(f"--{key}") for key in flags})
     try:
         given = choices(settings)
@@ -429,8 +429,8 @@ def load_plan(
     switches |= flags
     if profile is not None:
         merged = _profile(profile)
-    switches.pop("profile", None)
-    return Plan(merged | given, options=options, **switches)
+    device, dtype = (switches.get(key, "auto") for key in ("device", "dtype"))
+    return Plan(merged | given, device, dtype, options=options)
 
 
 def _profile(name: str) -> dict[str, Choice]:

@@ -79,7 +79,8 @@ def receding(nearness: NDArray[np.float32]) -> NDArray[np.float32]:
     """Depth from inverse depth >= 0, larger = nearer, with unknown scale and shift.
 
     The nearest point gets 1, points without parallax `DEPTH.farthest`; between them depth is the inverse, so that
-    ratios of near depths are right if the shift is small. The order is kept strictly. A map without any parallax is all 1.
+    ratios of near depths are right if the shift is small. The order is kept strictly. A map without any parallax is
+    all 1.
     """
     most = float(nearness.max())
     if most <= 0:
