@@ -82,7 +82,6 @@ INTENDED: dict[str, str] = {
     "measures/segmentation*": "one scope; no labels, means over photos, curves at other IoUs",
     "measures/fidelity*": "ablations of compositing are a benchmark",
     "commands/evaluate physics --help*": "takes closed forms of one's own",
-    "commands/perceive --help*": "--fallback, --keep-models and --sheet are gone",
     "commands/backends --help*": "--fallback is gone",
     "perceive/*/scene.yaml": "perception has fewer special cases: numbers of the light and of supports move a little",
     "perceive/*/shadows.png*": "one search of a distant light and one removal for both views",

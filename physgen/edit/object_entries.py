@@ -16,7 +16,7 @@ from physgen.edit.live import CompiledScene, Live
 from physgen.geometry.polygon import Disc, Outline, bounds, mass_properties
 from physgen.maps import Percepts
 from physgen.perceive import document
-from physgen.perceive.refresh import perceived_keys, rewritten
+from physgen.perceive.refresh import perceived_keys, rewritten, without_edited
 from physgen.perceive.roles import BoundaryGuess, Detections, Name, PhotoObject
 from physgen.perceive.scale import DEFAULT_SCALE
 from physgen.problems import InputError
@@ -98,6 +98,7 @@ def begin(live: Live, text: str, maps: Path | None) -> Correction:
     scene, own = sight.scene, written.get("objects") or {}
     names = [item.name for item in scene.objects if item.name in own]
     plain = {**written, "objects": {name: dict(own[name] or {}) for name in names}}
+    plain = without_edited(plain, document.written_values(scene.assets))
     return Correction(live, text, sight, percepts, plain)
 
 
