@@ -16,6 +16,25 @@ from physgen.problems import InputError
 WRONG_INPUT = 2
 """Exit code of wrong flags and wrong files."""
 FORMATS = ("mp4", "gif", "webp", "png")
+REMOVED = {
+    "--answers": "name the model as the backend physics=vlm",
+    "--dark": "figures have white paper",
+    "--fallback": "choose another --backend where one fails",
+    "--no-fallback": "leave it out, nothing falls back",
+    "--keep-models": "leave it out, several photos share models",
+    "--no-keep-models": "leave it out",
+    "--link": "leave it out, files are copied",
+    "--mass": "masses come from scenes",
+    "--noise": "leave it out, noise is estimated",
+    "--proof": "run python benchmarks/run.py plausibility",
+    "--pushed": "name the object with --held",
+    "--save-answers": "--json has them",
+    "--shard-size": "write --shard-clips",
+    "--ship": "share a folder, or name scenes and results by URL",
+    "--si": "axes are in SI where the scene has a scale",
+    "--truth": "run python benchmarks/run.py properties",
+}
+"""Flags of the version before, with what to use in their place; for one version."""
 CURVES = ("x", "y", "speed", "angle")
 
 
@@ -74,6 +93,8 @@ class Parser(argparse.ArgumentParser):
         if not text.startswith("-"):
             return f"{text} is one argument too many"
         flag = text.partition("=")[0]
+        if flag in REMOVED:
+            return f"{flag} was removed; {REMOVED[flag]}"
         close = get_close_matches(flag, re.findall(r"--[\w-]+", self.format_help()), 1, 0.7)
         return f"there is no flag {flag}" + (f", did you mean {close[0]}?" if close else "")
 
