@@ -45,7 +45,7 @@ def test_scale_page_reckons_with_what_was_measured(monkeypatch: pytest.MonkeyPat
     }
     cluster = {
         "local": [{"way": "processes", "rate": [1, 1, 1]}, {"way": "dask", "rate": [0.8, 0.9, 1]}],
-        "handing": [{"shipped": False, "ms": 3.0}, {"shipped": True, "ms": 8.0}],
+        "handing": 3.0,
     }
     found = scale.figures(batch, cluster)
     assert found["drawing"] == pytest.approx(10**6 / (1000 * 10 / 2 * 0.9))  # s
