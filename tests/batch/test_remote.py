@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -262,3 +263,16 @@ def test_only_urls_import_fsspec(lesson: Path) -> None:
         "none",
     ]
     subprocess.run([sys.executable, "-c", code, *command], check=True, stdout=subprocess.DEVNULL)
+
+
+def test_temporary_folders_of_killed_processes_are_removed_by_the_next(tmp_path: Path) -> None:
+    code = (
+        "import os\nfrom physgen.report.folders import temporary_folder\n"
+        "with temporary_folder() as folder:\n (folder / 'film.mp4').touch()\n {end}"
+    )
+    seen = []
+    for end in ("os._exit(9)", "pass"):
+        environment = {**os.environ, "TMPDIR": str(tmp_path), "PYTHONPATH": os.pathsep.join(sys.path)}
+        subprocess.run([sys.executable, "-c", code.format(end=end)], env=environment, check=False)
+        seen.append(len(list(tmp_path.iterdir())))
+    assert seen == [1, 0]
