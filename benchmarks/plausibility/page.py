@@ -68,8 +68,8 @@ no one stated.
 
 
 EARLIER = (
-    " The figures are of the judge before it was shortened; on the clips of seeds 1000 to 1005 both differ by about a "
-    "point on exact tracks."
+    " The figures are of the judge before it was shortened. On the clips of seeds 1000 to 1005 both call as many rightly on "
+    "exact tracks; at 1 px of noise the present one calls 5 of 82 wrong clips of physgen right that the earlier one did not."
 )
 """To be removed with the next run of the benchmark."""
 
