@@ -87,7 +87,8 @@ def methods_in(folder: Path, photos: Path | None = None) -> Methods:
     if not known:
         raise InputError.of(str(folder), "", "holds no methods", FORM)
     names, scenes = (tuple(sorted({pair[k] for pair in known}, key=natural)) for k in (0, 1))
-    pictures, words = {}, {}
+    pictures: dict[str, Path] = {}
+    words: dict[str, str] = {}
     for path in _sorted(beside) if beside.is_dir() else ():
         if path.stem in scenes and path.suffix.lower() in PICTURES:
             pictures.setdefault(path.stem, path)

@@ -282,7 +282,7 @@ def from_csv(path: Path, fps: float | None, view: View) -> Tracks:
             discs[k].append((min(row["width"], row["height"]) / 2, hypot(row["width"], row["height"]) / 2))
     forms = tuple(_disc(np.array(own or [(0.0, 0.0)])) for own in discs)
     source = "a table" + ("" if fps or not framed else ", 30 frames a second assumed")
-    times = np.arange(len(places)) * step
+    times = np.arange(len(places), dtype=np.float64) * step
     return Tracks(path.stem, times, tuple(names), places, None, forms, view, LIMITS.table, source)
 
 
@@ -447,7 +447,7 @@ def _ids(path: Path) -> Ids:
                 found = f"{picture.width} x {picture.height} px"
                 raise InputError.of(str(path), found, "are too many", "make it smaller")
             if picture.mode in ("RGB", "RGBA"):
-                return np.asarray(picture.convert("RGB"), np.int64) @ np.array([1 << 16, 1 << 8, 1])
+                return np.asarray(np.asarray(picture.convert("RGB"), np.int64) @ (1 << 16, 1 << 8, 1))
             return np.asarray(picture).astype(np.int64)
     except (OSError, UnidentifiedImageError, SyntaxError) as error:
         raise InputError.of(str(path), "", f"cannot be read: {error}", "save it as PNG") from None
