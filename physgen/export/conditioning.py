@@ -30,16 +30,27 @@ from physgen.scene.scene import Load, Motion
 Array = NDArray[np.float64]
 F32 = NDArray[np.float32]
 
-SIGMAS_PER_WIDTH = 36
-"""Standard deviations of a blob in the picture's width: Force Prompting has 20 px in 720."""
-BLOB_REACH = 6.0
-"""Standard deviations beyond which a blob is cut off, at 1.5e-8 of its peak."""
-NEAREST, FARTHEST = 1 / 8, 1 / 2
-"""Of the picture's width: path of the blob of a vanishing impulse, and of the clip's strongest."""
-ZERO, FULL = 32768, 32767
-"""Codes of a force map: no push, and by how much the clip's largest is higher."""
-ROUNDING = 1e-9
-"""s: a push at a frame's moment belongs to that frame, though 3 x 0.1 is more than 0.3."""
+
+@dataclass(frozen=True)
+class ForceCodes:
+    """Blobs and codes of forces."""
+
+    sigmas_per_width: int = 36
+    """Standard deviations of a blob in the picture's width: Force Prompting has 20 px in 720."""
+    blob_reach: float = 6.0
+    """Standard deviations beyond which a blob is cut off, at 1.5e-8 of its peak."""
+    nearest: float = 1 / 8
+    farthest: float = 1 / 2
+    """Of the picture's width: path of the blob of a vanishing impulse, and of the clip's strongest."""
+    zero: int = 32768
+    full: int = 32767
+    """Codes of a force map: no push, and by how much the clip's largest is higher."""
+    rounding: float = 1e-9
+    """s: a push at a frame's moment belongs to that frame, though 3 x 0.1 is more than 0.3."""
+
+
+CODES = ForceCodes()
+
 UNITS = {
     "seconds": "of the clip as it plays",
     "slower": "s of the clip by s of the motion",
@@ -75,7 +86,7 @@ class ShownPush:
     def given(self, times: Array) -> Array:
         """(T,) between `times` (T + 1,): 1 where an impulse is given, of a force the s that it acts."""
         if self.end is None:
-            at = int(np.searchsorted(times, self.start + ROUNDING, side="right")) - 1
+            at = int(np.searchsorted(times, self.start + CODES.rounding, side="right")) - 1
             return np.asarray(np.arange(len(times) - 1) == at, np.float64)
         return np.diff(np.clip(times, self.start, self.end))
 
@@ -132,14 +143,14 @@ class ForceMaps:
         """g·px²/s."""
 
     def _sample(self, time: float) -> int:
-        return max(int(np.searchsorted(self._times, time + ROUNDING, side="right")) - 1, 0)
+        return max(int(np.searchsorted(self._times, time + CODES.rounding, side="right")) - 1, 0)
 
     def idle(self, time: float) -> bool:
         """Whether no push acts in a frame at `time` (s)."""
         return not self._given[:, self._sample(time)].any()
 
     def picture(self, view: View) -> NDArray[np.uint16]:
-        """(H, W, 3): impulse to the right, impulse down, turn clockwise; see ZERO and FULL.
+        """(H, W, 3): impulse to the right, impulse down, turn clockwise; see `CODES.zero` and `CODES.full`.
 
         A push is a Gaussian blob whose peak is its impulse; the blobs of several add up.
         """
@@ -149,7 +160,7 @@ class ForceMaps:
             peak = [*(push.vector * given / (self.most or 1.0)), push.turn * given / (self.most_turn or 1.0)]
             if any(peak):
                 add_blob(total, push.seen_at(view), np.array(peak, np.float32))
-        return (np.rint(total * FULL) + ZERO).astype(np.uint16)
+        return (np.rint(total * CODES.full) + CODES.zero).astype(np.uint16)
 
 
 class Blobs:
@@ -182,7 +193,12 @@ class Blobs:
             if view.index < first:
                 continue
             start = self._starts.setdefault(n, push.seen_at(view))
-            path = width * (NEAREST + (FARTHEST - NEAREST) * share) * push.vector / np.hypot(*push.vector)
+            path = (
+                width
+                * (CODES.nearest + (CODES.farthest - CODES.nearest) * share)
+                * push.vector
+                / np.hypot(*push.vector)
+            )
             add_blob(total, start + path * (view.index - first) / max(self._count - 1 - first, 1))
         return np.asarray(np.rint(np.minimum(total, 1) * 255), np.uint8)
 
@@ -190,9 +206,9 @@ class Blobs:
 def add_blob(picture: F32, at: Array, peak: float | F32 = 1.0) -> None:
     """Adds a Gaussian with its centre at a place (2,) px to (H, W), or to (H, W, C) with `peak` (C,)."""
     height, width = picture.shape[:2]
-    sigma = width / SIGMAS_PER_WIDTH
-    first = np.clip(np.floor(at - BLOB_REACH * sigma), 0, (width, height)).astype(np.int64)
-    last = np.clip(np.ceil(at + BLOB_REACH * sigma) + 1, 0, (width, height)).astype(np.int64)
+    sigma = width / CODES.sigmas_per_width
+    first = np.clip(np.floor(at - CODES.blob_reach * sigma), 0, (width, height)).astype(np.int64)
+    last = np.clip(np.ceil(at + CODES.blob_reach * sigma) + 1, 0, (width, height)).astype(np.int64)
     across, down = (
         np.exp(-((np.arange(*span) - center) ** 2) / (2 * sigma**2))
         for *span, center in zip(first, last, at, strict=True)
@@ -301,19 +317,19 @@ class Conditioning(Writer):
                 "force/%05d.png",
                 "R, G: impulse to the right and down that pushes give from this frame's moment to the next "
                 "sample's; B: turn, clockwise; 16 bits",
-                zero=ZERO,
-                code=FULL,
+                zero=CODES.zero,
+                code=CODES.full,
                 impulse_at_code=self._maps.most,
                 turn_at_code=self._maps.most_turn,
-                sigma=width / SIGMAS_PER_WIDTH,
+                sigma=width / CODES.sigmas_per_width,
             ),
             "blobs": row(
                 "force.mp4",
                 "a blob for each push, as in Force Prompting: from where it acts straight on in its direction, "
                 "from the frame it begins in to the last; the stronger, the farther",
-                sigma=width / SIGMAS_PER_WIDTH,
-                nearest=NEAREST * width,
-                farthest=FARTHEST * width,
+                sigma=width / CODES.sigmas_per_width,
+                nearest=CODES.nearest * width,
+                farthest=CODES.farthest * width,
                 impulse_at_farthest=self._blobs.most,
             ),
         }

@@ -34,22 +34,33 @@ Array = NDArray[np.float64]
 Sampled = Callable[[Array], Trajectory]
 """The motion at other times (T,) s."""
 
-SHIFT = 1.0
-"""px by which an object's centre or rim must leave its place at t = 0: less is settling, no motion."""
+
+@dataclass(frozen=True)
+class EventLimits:
+    """What counts as a motion, a rest and a touch, and how finely the motion is sampled."""
+
+    shift: float = 1.0
+    """px by which an object's centre or rim must leave its place at t = 0: less is settling, no motion."""
+    creak: float = 0.05
+    brief: float = 0.005
+    """px by which an object at rest may slip, or its rim turn, within so many s."""
+    loose: float = 1e-3
+    """s within which a touch that ends does not support any more."""
+    rate: float = 240.0
+    least: int = 720
+    """Samples of the motion: a second, and in all; no more than the engine's steps."""
+    most: int = 2_000_000
+    """Samples times objects."""
+    before: float = 1e-6
+    """s before the beginning of a touch."""
+    after: float = 1.5
+    """Steps of the engine after which an impact is over."""
+
+
+LIMITS = EventLimits()
+
 TIPPED = pi / 4
 """rad."""
-CREAK, BRIEF = 0.05, 0.005
-"""px by which an object at rest may slip, or its rim turn, within so many s."""
-LOOSE = 1e-3
-"""s within which a touch that ends does not support any more."""
-RATE, LEAST = 240.0, 720
-"""Samples of the motion: a second, and in all; no more than the engine's steps."""
-MOST = 2_000_000
-"""Samples times objects."""
-BEFORE = 1e-6
-"""s before the beginning of a touch."""
-AFTER = 1.5
-"""Steps of the engine after which an impact is over."""
 SIDES = ("left", "right", "top", "bottom")
 
 
@@ -74,7 +85,7 @@ class EventKind(Enum):
     FIRST_TOUCH = "first_touch"
     """Its first contact with a surface that it did not touch from the start."""
     MOVE = "move"
-    """It starts to move, and moves by more than SHIFT."""
+    """It starts to move, and moves by more than `LIMITS.shift`."""
     FALL = "fall"
     """The same without contact, joint or push: gravity alone moves it."""
     TIP = "tip"
@@ -140,7 +151,7 @@ def events(
     seen = trajectory
     if len(trajectory.times) > 1:
         seen = _resampled(world, sampled or partial(simulate, world))
-    impacts = find_impacts(world, seen, 1 / RATE) if len(seen.times) > 1 else []
+    impacts = find_impacts(world, seen, 1 / LIMITS.rate) if len(seen.times) > 1 else []
     found = [
         *_pushes(world, seen),
         *_contacts(world, seen),
@@ -154,13 +165,15 @@ def events(
 
 def _resampled(world: World, sampled: Sampled) -> Trajectory:
     """Evenly, and just before and after the beginnings of touches."""
-    most, end = max(MOST // len(world.bodies), 2), world.duration
-    rate = min(max(RATE, LEAST / end), world.steps_per_second)
+    most, end = max(LIMITS.most // len(world.bodies), 2), world.duration
+    rate = min(max(LIMITS.rate, LIMITS.least / end), world.steps_per_second)
     even = np.linspace(0.0, end, min(ceil(end * rate - 1e-6), most) + 1)
     begins = sampled(np.array([0.0, end])).contacts.touch_times[:most, 0]
-    step = AFTER / world.steps_per_second
+    step = LIMITS.after / world.steps_per_second
     pushes = np.array([push.start for push in world.pushes])
-    every = np.unique(np.concatenate([even, begins, begins - BEFORE, begins - step, begins + step, pushes]))
+    every = np.unique(
+        np.concatenate([even, begins, begins - LIMITS.before, begins - step, begins + step, pushes])
+    )
     return sampled(every[(every >= 0) & (every <= end)])
 
 
@@ -212,9 +225,9 @@ def _contacts(world: World, seen: Trajectory) -> Iterator[Event]:
 
 
 def _collision(world: World, seen: Trajectory, impact: Impact) -> Event:
-    step = AFTER / world.steps_per_second
+    step = LIMITS.after / world.steps_per_second
     # where other impacts came earlier in the same engine step, the sample just before is after them
-    earlier = (impact.time - BEFORE, impact.time - step)
+    earlier = (impact.time - LIMITS.before, impact.time - step)
     samples = [*(_sample(seen, time) for time in earlier), _sample(seen, impact.time) - 1]
     before = max(
         (k for k in samples if k >= 0), key=lambda k: sum(_nearing(world, seen, k, impact)), default=0
@@ -264,7 +277,7 @@ def _motions(world: World, seen: Trajectory) -> Iterator[Event]:
         distance = np.hypot(*(poses[:, :2] - poses[0, :2]).T)
         turned = np.abs(poses[:, 2] - poses[0, 2])
         reach = np.maximum(distance, turned * body.reach)
-        far, gone = float(reach.max()), np.flatnonzero(reach > SHIFT)
+        far, gone = float(reach.max()), np.flatnonzero(reach > LIMITS.shift)
         if not len(gone):
             yield Event(EventKind.STAY, 0.0, (k,), _pair(poses[0]), far=far)
             continue
@@ -316,11 +329,11 @@ def _falls(world: World, seen: Trajectory, k: int, time: float) -> bool:
     in_field = any(k in field.bodies for field in world.fields if field.kind in FieldKind)
     begin, end = seen.contacts.touch_times.T
     own = (seen.contacts.touch_pairs == k).any(axis=1)
-    touched = (own & (begin <= time + LOOSE) & (end > time + LOOSE)).any()
+    touched = (own & (begin <= time + LIMITS.loose) & (end > time + LIMITS.loose)).any()
     pushed = any(
         push.body == k
-        and push.start <= time + LOOSE
-        and (push.end > time or (push.load is Load.IMPULSE and push.start >= time - LOOSE))
+        and push.start <= time + LIMITS.loose
+        and (push.end > time or (push.load is Load.IMPULSE and push.start >= time - LIMITS.loose))
         for push in world.pushes
     )
     return not (held or in_field or touched or pushed)
@@ -335,8 +348,8 @@ def _rest(seen: Trajectory, k: int, resting: NDArray[np.bool_], reach: float) ->
         run = moving[int(np.flatnonzero(np.diff(moving, prepend=-2) > 1)[-1]) :]
         first, since = max(int(run[0]) - 1, 0), int(run[-1]) + 1
         x, y, angle = (seen.poses[min(since, last), k] - seen.poses[first, k]).tolist()
-        brief = seen.times[min(since, last)] - seen.times[first] < BRIEF
-        if not brief or max(hypot(x, y), abs(angle) * reach) > CREAK:
+        brief = seen.times[min(since, last)] - seen.times[first] < LIMITS.brief
+        if not brief or max(hypot(x, y), abs(angle) * reach) > LIMITS.creak:
             break
         moving, since = moving[: -len(run)], 0
     late = since > last or seen.times[-1] - seen.times[since] < REST_DURATION - 1e-9

@@ -20,8 +20,28 @@ from physgen.export.labels import Clip, Writer
 from physgen.scene.scene import Play, Point, View
 from physgen.simulate.trajectory import REST_SPEED
 
-AT_START = 0.01
-"""s of the clip: an earlier event happens at the start."""
+
+@dataclass(frozen=True)
+class CaptionStyle:
+    """What sentences and captions mention."""
+
+    at_start: float = 0.01
+    """s of the clip: an earlier event happens at the start."""
+    longest_noun: int = 40
+    """Characters."""
+    bounce: float = 0.2
+    """Of the speed of approach: an object that parts faster from a wall bounces."""
+    seen_motion: float = 0.005
+    """Of the photo's longer side: the caption leaves out objects that move less."""
+    same_speed: float = 0.02
+    """Of the speed: a smaller difference between clip and motion is not mentioned."""
+    few: int = 2
+    most: int = 3
+    """Objects of one kind of event that get a sentence each, and sentences of one kind."""
+
+
+STYLE = CaptionStyle()
+
 COMPASS = (
     *("to the right", "down and to the right", "down", "down and to the left"),
     *("to the left", "up and to the left", "up", "up and to the right"),
@@ -29,16 +49,6 @@ COMPASS = (
 """Of image axes, from +x on towards +y."""
 LEAVING = {"left": "on the left", "right": "on the right", "top": "at the top", "bottom": "at the bottom"}
 ENTERING = {"left": "from the left", "right": "from the right", "top": "from above", "bottom": "from below"}
-LONGEST_NOUN = 40
-"""Characters."""
-BOUNCE = 0.2
-"""Of the speed of approach: an object that parts faster from a wall bounces."""
-SEEN_MOTION = 0.005
-"""Of the photo's longer side: the caption leaves out objects that move less."""
-SAME_SPEED = 0.02
-"""Of the speed: a smaller difference between clip and motion is not mentioned."""
-FEW, MOST = 2, 3
-"""Objects of one kind of event that get a sentence each, and sentences of one kind."""
 STARTS = (EventKind.MOVING, EventKind.FALL, EventKind.MOVE)
 PUSHES = (EventKind.PUSH, EventKind.PUSH_START)
 BORDERS = (EventKind.OUTSIDE, EventKind.LEAVE, EventKind.ENTER)
@@ -173,10 +183,10 @@ def noun(label: str) -> str:
     text = " ".join("".join(" " if unicodedata.category(c)[0] in "CZ" else c for c in label).split())
     short = re.sub(r"^(?:the|an?)\s+(?=\S)", "", re.split(r"\s*[,;(]", text)[0], flags=re.IGNORECASE)
     plain = short and all(c in " '’-" or unicodedata.category(c)[0] in "LMN" for c in short)
-    if plain and len(short) <= LONGEST_NOUN:
+    if plain and len(short) <= STYLE.longest_noun:
         return short
     text = re.sub('[“”"]', "'", text)
-    return f"“{text if len(text) <= LONGEST_NOUN else text[: LONGEST_NOUN - 1].rstrip() + '…'}”"
+    return f"“{text if len(text) <= STYLE.longest_noun else text[: STYLE.longest_noun - 1].rstrip() + '…'}”"
 
 
 def _words(name: str) -> str:
@@ -228,7 +238,7 @@ class Sentences:
     def when(self, time: float) -> str:
         """Of a moment of the motion, in s of the clip."""
         shown = time * self._pace
-        return "at the start" if shown < AT_START else f"after {seconds(shown)}"
+        return "at the start" if shown < STYLE.at_start else f"after {seconds(shown)}"
 
     def _span(self, event: Event) -> str:
         """`from the start on`, `from 0.2 s to 0.4 s`; where both read the same, the one moment."""
@@ -265,7 +275,7 @@ class Sentences:
         if event.closing < REST_SPEED:  # the impulse passes through a contact that was there already
             return f"{one} and {other} touch, and jolt each other {when}"
         wall = second >= len(self.world.bodies)
-        bounces = wall and (event.parting or 0.0) > BOUNCE * event.closing
+        bounces = wall and (event.parting or 0.0) > STYLE.bounce * event.closing
         return f"{one} hits {other} {when}" + (" and bounces" if bounces else "")
 
 
@@ -275,7 +285,7 @@ def caption(found: Sequence[Event], texts: Sequence[str], sentences: Sentences) 
     It is made of the sentences of events (`texts`) that are seen in the picture; never empty.
     """
     world = sentences.world
-    least = SEEN_MOTION * max(world.size)
+    least = STYLE.seen_motion * max(world.size)
     moving = {e.surfaces[0] for e in found if e.kind in STARTS and (e.far or 0.0) > least}
     pushed = {e.surfaces[0] for e in found if e.kind in PUSHES}
     seen = [k for k, event in enumerate(found) if event.kind in BORDERS or _in_picture(found, event)]
@@ -294,8 +304,8 @@ def caption(found: Sequence[Event], texts: Sequence[str], sentences: Sentences) 
         if not which:
             continue
         first, bodies = found[which[0]], {found[k].surfaces[0] for k in which}
-        if len(bodies) <= FEW or first.kind is EventKind.COLLISION:
-            clauses += [Clause(texts[k], (k,)) for k in which[:MOST]]
+        if len(bodies) <= STYLE.few or first.kind is EventKind.COLLISION:
+            clauses += [Clause(texts[k], (k,)) for k in which[: STYLE.most]]
         else:
             times = [found[k].time for k in which]
             last = f", the last one {sentences.when(max(times))}" if kinds in TIMED else ""
@@ -337,7 +347,7 @@ def _playing(clip: Clip, found: Sequence[Event]) -> Iterator[Clause]:
     if clip.scene.render.play in play:
         yield Clause(f"The clip shows this {play[clip.scene.render.play]}.", ())
     slow = pace(clip)
-    if abs(slow - 1) > SAME_SPEED:
+    if abs(slow - 1) > STYLE.same_speed:
         factor = f"{slow:.2g} times slower" if slow >= 1 else f"{1 / slow:.2g} times faster"
         yield Clause(f"The clip shows this {factor} than it happens.", ())
 

@@ -23,14 +23,23 @@ U16 = NDArray[np.uint16]
 Mask = NDArray[np.bool_]
 Array = NDArray[np.float64]
 
-RIM = 3
-"""px around an object in which pixels mix it and the background: the background is filled in there, too."""
-PAD = 4
-"""px around an object's mask to which its outermost values are extended."""
-BALL_RIM = 0.955
-"""Of the radius, as in `render.ball`: farther out the photo shows a ball mixed and foreshortened."""
-FILL_ERROR = 2e-4
-"""Of a map's range: the largest error of the smooth fill."""
+
+@dataclass(frozen=True)
+class LayerLimits:
+    """How a map is split and filled."""
+
+    rim: int = 3
+    """px around an object in which pixels mix it and the background: the background is filled in there, too."""
+    pad: int = 4
+    """px around an object's mask to which its outermost values are extended."""
+    ball_rim: float = 0.955
+    """Of the radius, as in `render.ball`: farther out the photo shows a ball mixed and foreshortened."""
+    fill_error: float = 2e-4
+    """Of a map's range: the largest error of the smooth fill."""
+
+
+LIMITS = LayerLimits()
+
 WARP = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
 
 
@@ -114,7 +123,7 @@ class Layers:
             return self.turned(body, part, view, box)
         ball = BallTurn.between(body, view, self._photo, self._world)
         if body not in self._skins:
-            self._skins[body] = part.extended(ball.to, BALL_RIM * ball.radius * ball.scale)
+            self._skins[body] = part.extended(ball.to, LIMITS.ball_rim * ball.radius * ball.scale)
         return self._skins[body].at(*ball.origin(*spans(box)))
 
     def _ground_seen(self, lens: Array) -> U16:
@@ -134,13 +143,13 @@ class Layers:
 
 def unknown_ground(clip: Clip) -> Mask:
     """(H, W) of the photo: pixels on objects or beside them, where the background is not known."""
-    return dilate(clip.stood > 0, RIM)
+    return dilate(clip.stood > 0, LIMITS.rim)
 
 
 def filled(values: F32, where: Mask) -> F32:
     """(H, W[, C]) with a harmonic fill of `where` (H, W)."""
     deep = values if values.ndim == 3 else values[..., None]
-    error = max(float(np.ptp(deep)), 1e-6) * FILL_ERROR
+    error = max(float(np.ptp(deep)), 1e-6) * LIMITS.fill_error
     return harmonic_fill(deep, where, error).reshape(values.shape)
 
 
@@ -151,7 +160,9 @@ def parts_of(values: F32, clip: Clip) -> dict[int, Part]:
         own = clip.stood == body + 1
         x, y, w, h = cv2.boundingRect(own.view(np.uint8))
         if w:
-            box = np.s_[max(y - PAD, 0) : y + h + PAD, max(x - PAD, 0) : x + w + PAD]
+            box = np.s_[
+                max(y - LIMITS.pad, 0) : y + h + LIMITS.pad, max(x - LIMITS.pad, 0) : x + w + LIMITS.pad
+            ]
             found[body] = Part((box[1].start, box[0].start), _nearest(values[box], own[box]))
     return found
 

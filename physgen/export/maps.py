@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -20,17 +21,27 @@ F32 = NDArray[np.float32]
 U16 = NDArray[np.uint16]
 Mask = NDArray[np.bool_]
 
-FULL = 65535
-DARKEST = 2e-3
-"""Linear light added before ratios are formed: below it they are noise."""
-MOST_ALBEDO = 8.0
-"""Largest ratio of albedo to the background's light: shadows are about as deep."""
-MOST_SHADING = 16.0
-"""Of full light, code 65535: dark paint beside a highlight. Half a step is 0.4 grey levels at most."""
-ZERO, UNIT = 32768, 32767
-"""Codes of a normal's component: 0, and by how much 1 is larger."""
-BALL_MARGIN = 2.0
-"""px beyond a ball's rim up to which its mask holds the rim; farther out it is a thread or a handle."""
+
+@dataclass(frozen=True)
+class MapCodes:
+    """Codes and limits of the maps."""
+
+    full: int = 65535
+    darkest: float = 2e-3
+    """Linear light added before ratios are formed: below it they are noise."""
+    most_albedo: float = 8.0
+    """Largest ratio of albedo to the background's light: shadows are about as deep."""
+    most_shading: float = 16.0
+    """Of full light, code 65535: dark paint beside a highlight. Half a step is 0.4 grey levels at most."""
+    zero: int = 32768
+    unit: int = 32767
+    """Codes of a normal's component: 0, and by how much 1 is larger."""
+    ball_margin: float = 2.0
+    """px beyond a ball's rim up to which its mask holds the rim; farther out it is a thread or a handle."""
+
+
+CODES = MapCodes()
+
 LINEAR = decode(np.arange(256, dtype=np.uint8))
 """Linear light of the codes of sRGB."""
 
@@ -62,15 +73,15 @@ def _ground(maps: Percepts, albedo: F32, where: Mask) -> F32:
     behind = maps.background if maps.clean is None else maps.clean
     if behind is None:
         return np.clip(filled(albedo, where), 0, 1)
-    light = decode(behind) + np.float32(DARKEST)
-    ratio = np.minimum((albedo + np.float32(DARKEST)) / light, np.float32(MOST_ALBEDO))
-    there = filled(ratio, where) * light - np.float32(DARKEST)
+    light = decode(behind) + np.float32(CODES.darkest)
+    ratio = np.minimum((albedo + np.float32(CODES.darkest)) / light, np.float32(CODES.most_albedo))
+    there = filled(ratio, where) * light - np.float32(CODES.darkest)
     return np.clip(np.where(where[..., None], there, albedo), 0, 1)
 
 
 def albedo_codes(albedo: F32) -> U16:
     """0..1 -> 16 bits."""
-    return np.asarray(albedo * np.float32(FULL) + np.float32(0.5), np.uint16)
+    return np.asarray(albedo * np.float32(CODES.full) + np.float32(0.5), np.uint16)
 
 
 class Albedo(Writer):
@@ -96,7 +107,7 @@ class Shading(Writer):
         width, height = clip.size
         self._light = np.empty((height, width, 3), np.float32)
         self._codes = np.empty((height, width, 3), np.uint16)
-        scale = {"at_0": 0.0, "at_65535": MOST_SHADING, "light": "linear", "frame": "albedo x shading"}
+        scale = {"at_0": 0.0, "at_65535": CODES.most_shading, "light": "linear", "frame": "albedo x shading"}
         write_scale(folder, scale)
 
     def add(self, moment: Moment) -> None:
@@ -104,7 +115,13 @@ class Shading(Writer):
         view = moment.view
         bgr = np.asarray(cv2.cvtColor(view.rgb, cv2.COLOR_RGB2BGR), np.uint8)
         cv2.LUT(bgr, LINEAR, self._light)
-        cv2.divide(self._light, self._albedo.of(view), self._codes, FULL * FULL / MOST_SHADING, cv2.CV_16U)
+        cv2.divide(
+            self._light,
+            self._albedo.of(view),
+            self._codes,
+            CODES.full * CODES.full / CODES.most_shading,
+            cv2.CV_16U,
+        )
         (self._folder / f"{view.index:05d}.png").write_bytes(png_of_bgr(self._codes))
 
 
@@ -120,7 +137,7 @@ class DepthViews:
         assert clip.maps.depth is not None
         self.range = low, high = clip.scene.maps.get("depth", (0.0, 1.0))
         """Depths of the codes 0 and 65535, as in the photo's own map."""
-        self._world, steps = clip.world, np.float32(FULL / (high - low))
+        self._world, steps = clip.world, np.float32(CODES.full / (high - low))
 
         def encode(depth: F32) -> U16:
             return np.asarray((depth - np.float32(low)) * steps + np.float32(0.5), np.uint16)
@@ -165,7 +182,14 @@ class Normals(Writer):
         assert clip.maps.normals is not None
         self._folder, self._world = folder, clip.world
         self._start = photo_view(clip.trajectory, clip.world).poses
-        write_scale(folder, {"zero": ZERO, "one": ZERO + UNIT, "axes": "+x right, +y down, +z to the viewer"})
+        write_scale(
+            folder,
+            {
+                "zero": CODES.zero,
+                "one": CODES.zero + CODES.unit,
+                "axes": "+x right, +y down, +z to the viewer",
+            },
+        )
         normals = clip.maps.normals
         ground = filled(normals, unknown_ground(clip))
         self._layers = Layers(clip, ground, parts_of(normals, clip), normal_codes)
@@ -188,7 +212,7 @@ class Normals(Writer):
         inward = 1 / np.sqrt(np.maximum(squared, 1))
         towards = np.sqrt(np.maximum(1 - squared, 0))
         sphere = np.stack([u * inward, v * inward, towards], axis=-1).astype(np.float32)
-        outside = squared > (1 + BALL_MARGIN / radius) ** 2
+        outside = squared > (1 + CODES.ball_margin / radius) ** 2
         if (outside & (view.ids[box] == body + 1)).any():
             np.copyto(sphere, self._turned(body, part, view, box), where=outside[..., None])
         return sphere
@@ -209,7 +233,7 @@ def normal_codes(normals: F32) -> U16:
     if missing.any():
         normals = np.where(missing[..., None], np.array([0, 0, 1], np.float32), normals)
         length = np.where(missing, np.float32(1), length)
-    scale = np.float32(UNIT) / length
+    scale = np.float32(CODES.unit) / length
     codes = normals * cv2.merge((scale, scale, scale))
-    codes += np.float32(ZERO + 0.5)
+    codes += np.float32(CODES.zero + 0.5)
     return np.asarray(codes, np.uint16)

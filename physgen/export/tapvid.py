@@ -30,16 +30,24 @@ Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 U16 = NDArray[np.uint16]
 
-POINTS = 256
-"""Of a clip by default, as in TAP-Vid's Kubric set; more where each object would not get LEAST."""
-LEAST = 4
-"""Of each object that is ever visible."""
-BACKGROUND = 0.25
-"""Share of the points on the background."""
-MARGIN = 2
-"""px between a point and the border of its object where it is drawn; less on objects that are thinner."""
-FAR_SIDE = 1e-9
-"""Ball radii behind the rim from which on a point is on the far side."""
+
+@dataclass(frozen=True)
+class PointLimits:
+    """How points are drawn."""
+
+    points: int = 256
+    """Of a clip by default, as in TAP-Vid's Kubric set; more where each object would not get `least`."""
+    least: int = 4
+    """Of each object that is ever visible."""
+    background: float = 0.25
+    """Share of the points on the background."""
+    margin: int = 2
+    """px between a point and the border of its object where it is drawn; less on objects that are thinner."""
+    far_side: float = 1e-9
+    """Ball radii behind the rim from which on a point is on the far side."""
+
+
+LIMITS = PointLimits()
 
 
 @dataclass(frozen=True)
@@ -69,7 +77,7 @@ class Points:
 class Tapvid(Writer):
     """The video is written frame by frame; of each view only the poses and the compressed ids are kept."""
 
-    def __init__(self, folder: Path, clip: Clip, points: int = POINTS) -> None:
+    def __init__(self, folder: Path, clip: Clip, points: int = LIMITS.points) -> None:
         self._clip, self._most = clip, points
         self._lenses: list[Array] = []
         self._poses: list[Array] = []
@@ -205,7 +213,7 @@ def _rolled(place: Complex, frame: Index, spaces: Array) -> tuple[Complex, Mask]
     normals = np.stack([rim.real, rim.imag, -towards], axis=-1)
     first = np.einsum("kij,ki->kj", spaces[frame], normals)  # at t = 0
     turned = np.einsum("tij,kj->kti", spaces, first)
-    return turned[..., 0] + 1j * turned[..., 1] + (place - rim)[:, None], turned[..., 2] > FAR_SIDE
+    return turned[..., 0] + 1j * turned[..., 1] + (place - rim)[:, None], turned[..., 2] > LIMITS.far_side
 
 
 def point_counts(areas: Array, most: int) -> Index:
@@ -216,8 +224,8 @@ def point_counts(areas: Array, most: int) -> Index:
     objects = areas[1:]
     seen = objects > 0
     counts = np.zeros(len(areas), np.int64)
-    counts[0] = 0 if areas[0] == 0 else round(most * BACKGROUND) if seen.any() else most
-    counts[1:][seen] = LEAST
+    counts[0] = 0 if areas[0] == 0 else round(most * LIMITS.background) if seen.any() else most
+    counts[1:][seen] = LIMITS.least
     rest = most - int(counts.sum())
     if rest > 0 and seen.any():
         exact = rest * objects / objects.sum()
@@ -229,7 +237,7 @@ def point_counts(areas: Array, most: int) -> Index:
 
 def draw_points(ids: U16, wanted: Sequence[tuple[int, int]], rng: np.random.Generator) -> list[Array]:
     """(k, 2) px in a view, for each id and number k of `wanted`; away from borders where there is room."""
-    kernel = np.ones((2 * MARGIN + 1, 2 * MARGIN + 1), np.uint8)
+    kernel = np.ones((2 * LIMITS.margin + 1, 2 * LIMITS.margin + 1), np.uint8)
     inner = cv2.erode(ids, kernel) == cv2.dilate(ids, kernel)
     found = []
     for id_, count in wanted:

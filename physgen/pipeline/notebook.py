@@ -28,14 +28,24 @@ U8 = NDArray[np.uint8]
 
 INLINE = 8 * 2**20
 """Bytes of a video that goes into the notebook; a larger one is linked."""
-SIDE = 720
-"""px: the longer side of the photo, at most."""
+
+
+@dataclass(frozen=True)
+class CellLimits:
+    """Sizes of what a cell shows."""
+
+    side: int = 720
+    """px: the longer side of the photo, at most."""
+    most_points: int = 400
+    """Of one path."""
+    still: float = 2.0
+    """px: an object that moves less has no path."""
+
+
+LIMITS = CellLimits()
+
 LINES = ("#0072b2", "#d55e00", "#009e73", "#b0508f", "#e69f00", "#56b4e9", "#7f7f7f")
 """After Okabe and Ito: distinct for colour-blind eyes, and legible on white and on black."""
-MOST_POINTS = 400
-"""Of one path."""
-STILL = 2.0
-"""px: an object that moves less has no path."""
 
 
 def html(shown: object) -> str:
@@ -127,7 +137,7 @@ def _world_svg(world: World, scene: Scene | None = None, photo: U8 | None = None
     text: str = template("scene.svg.j2").render(
         title=title,
         size=world.size,
-        photo=None if photo is None else jpeg(fitted(photo, SIDE), 84),
+        photo=None if photo is None else jpeg(fitted(photo, LIMITS.side), 84),
         walls=[
             {"name": wall.name, "chains": [svg_points(chain) for chain in wall.chains]}
             for wall in world.walls
@@ -147,11 +157,11 @@ def _paths_svg(trajectory: Trajectory) -> str:
     low, high = places.min(axis=0), places.max(axis=0)
     margin = 0.06 * float(max(*(high - low), 20.0))
     box = [round(float(v), 1) for v in (*(low - margin), *(high - low + 2 * margin))]
-    kept = np.linspace(0, len(poses) - 1, min(len(poses), MOST_POINTS)).round().astype(int)
+    kept = np.linspace(0, len(poses) - 1, min(len(poses), LIMITS.most_points)).round().astype(int)
     paths: list[dict[str, str]] = []
     for k, name in enumerate(trajectory.names):
         points = poses[kept, k, :2]
-        if len(points) and np.ptp(points, axis=0).max() > STILL:
+        if len(points) and np.ptp(points, axis=0).max() > LIMITS.still:
             colour = LINES[len(paths) % len(LINES)]
             paths.append({"name": name, "colour": colour, "points": svg_points(points)})
     text: str = template("paths.svg.j2").render(box=box, paths=paths, unit=round(max(box[2:]) / 120, 3))

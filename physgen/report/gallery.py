@@ -39,15 +39,26 @@ TABLE, ASKED = "sweep.csv", "sweep.json"
 """Table of a sweep's outcomes beside its clips, and its request with the units."""
 BEFORE_OUTCOMES, AFTER_OUTCOMES = "error", "video"
 """Columns of the table around the outcomes."""
-MOST_OUTCOMES, MOST_ROWS = 64, 1_000_000
-"""Columns and rows of a table that are read."""
+
+
+@dataclass(frozen=True)
+class GalleryLimits:
+    """What the page shows, and what is read of tables, at most."""
+
+    most_outcomes: int = 64
+    most_rows: int = 1_000_000
+    """Columns and rows of a table that are read."""
+    most_choices: int = 8
+    """Values of a key that are offered one by one; more become a range."""
+    bars: int = 16
+    """Of a range's histogram."""
+
+
+LIMITS = GalleryLimits()
+
 MARK = '<meta name="generator" content="physgen gallery">'
 SCRIPTS = ("state", "choose", "shots", "clock", "sheet", "look", "page")
 """In the order in which they build on each other."""
-MOST_CHOICES = 8
-"""Values of a key that are offered one by one; more become a range."""
-BARS = 16
-"""Of a range's histogram."""
 _OURS = re.compile(r"[0-9a-f]{20}\.(poster|strip)\.webp").fullmatch
 
 
@@ -280,10 +291,12 @@ def _filter(key: SweptKey) -> dict[str, Any]:
     have = [value for value in key.values if value is not None]
     values = _sorted_values(key)
     found: dict[str, Any] = {"path": key.path, "name": key.name, "unit": key.unit, "range": None}
-    if key.numeric and len(values) > MOST_CHOICES:
+    if key.numeric and len(values) > LIMITS.most_choices:
         low, high = float(values[0]), float(values[-1])
-        counts = Counter(min(int(BARS * (float(value) - low) / (high - low)), BARS - 1) for value in have)
-        bars = [round(100 * counts[k] / max(counts.values())) for k in range(BARS)]
+        counts = Counter(
+            min(int(LIMITS.bars * (float(value) - low) / (high - low)), LIMITS.bars - 1) for value in have
+        )
+        bars = [round(100 * counts[k] / max(counts.values())) for k in range(LIMITS.bars)]
         found |= {"range": [format_value(low), format_value(high)], "last": len(values) - 1, "bars": bars}
         return found
     counted = Counter(map(format_value, have))
@@ -323,7 +336,7 @@ def sweep_outcomes(clips: Sequence[Clip]) -> list[SweepOutcome]:
         for name, cells in _table_rows(folder / TABLE):
             if name in numbers:
                 for column, value in cells.items():
-                    if column in found or len(found) < MOST_OUTCOMES:
+                    if column in found or len(found) < LIMITS.most_outcomes:
                         _, values = found.setdefault(column, (units.get(column, ""), [None] * len(clips)))
                         values[numbers[name]] = value
     return [
@@ -342,7 +355,7 @@ def _table_rows(table: Path) -> list[tuple[str, Mapping[str, float]]]:
             columns = heading[heading.index(BEFORE_OUTCOMES) + 1 : heading.index(AFTER_OUTCOMES)]
             return [
                 (line["folder"], {c: float(line[c]) for c in columns if line[c] and isfinite(float(line[c]))})
-                for line in islice(lines, MOST_ROWS)
+                for line in islice(lines, LIMITS.most_rows)
             ]
     except (OSError, ValueError, KeyError, TypeError, csv.Error):
         return []

@@ -40,14 +40,23 @@ from physgen.scene.scene import Play, Render, Scene, View
 
 U8 = NDArray[np.uint8]
 
-PHOTO_QUALITY = 90
-"""Of the JPEG."""
-MOST_LINES = 5000
-"""Of a scene file that is shown with line numbers."""
-MOST_CONTACTS = 200
-"""Rows of the table of contacts, the strongest."""
-SLICE_COLOURS = 8
-"""Of the bar of stages; further stages repeat them."""
+
+@dataclass(frozen=True)
+class PageLimits:
+    """Sizes of the page's parts."""
+
+    photo_quality: int = 90
+    """Of the JPEG."""
+    most_lines: int = 5000
+    """Of a scene file that is shown with line numbers."""
+    most_contacts: int = 200
+    """Rows of the table of contacts, the strongest."""
+    slice_colours: int = 8
+    """Of the bar of stages; further stages repeat them."""
+
+
+LIMITS = PageLimits()
+
 SCRIPTS = ("motion", "clock", "units", "touch", "balls", "scene", "layers", "quantities", "charts", "page")
 """Of the player, in the order in which they build on each other."""
 
@@ -87,7 +96,7 @@ def report_page(
         duration=world.duration,
         film=film,
         refined=refinement(record.refine),
-        photo=jpeg(first, PHOTO_QUALITY),
+        photo=jpeg(first, LIMITS.photo_quality),
         view_box=f"-0.5 -0.5 {width} {height}",
         walls=[
             {
@@ -154,7 +163,7 @@ def failed_page(
         problems=rows,
         command=shlex.join(command),
         scene_text=scene_text,
-        lines=scene_text.splitlines() if scene_text.count("\n") <= MOST_LINES else [],
+        lines=scene_text.splitlines() if scene_text.count("\n") <= LIMITS.most_lines else [],
         wrong={place.line for place in own},
         versions=versions(),
     )
@@ -179,7 +188,7 @@ def _contacts(player: Data, world: World) -> list[dict[str, Any]]:
     """Rows of the table of contacts, by time."""
     names = [name for name, _ in world.surfaces]
     newton = player["scale"] and 1000 * player["scale"]
-    strongest = sorted(player["touches"], key=lambda touch: -touch[4])[:MOST_CONTACTS]
+    strongest = sorted(player["touches"], key=lambda touch: -touch[4])[: LIMITS.most_contacts]
     return [
         {
             "begin": begin,
@@ -293,7 +302,7 @@ def provenance(record: RunRecord, resolved: str, written: str | None = None) -> 
     for k, (name, stage) in enumerate(timed):
         percent = 100 * stage.wall / (wall or 1.0)
         times = f"{stage.wall:.2f}", f"{stage.cpu:.2f}"
-        stages.append(Slice(name, *times, round(percent, 3), round(begin, 3), k % SLICE_COLOURS))
+        stages.append(Slice(name, *times, round(percent, 3), round(begin, 3), k % LIMITS.slice_colours))
         begin += percent
     facts = [
         ("platform", f"{platform.system()}, {platform.machine()}"),

@@ -11,7 +11,7 @@ and no shadow falls on an object.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import cv2
@@ -36,26 +36,54 @@ U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
 Array = NDArray[np.float64]
 
-LARGEST = 1280
-"""px of the background's longer side: twice its size on a page."""
-QUALITY = 86
-"""Of WebP."""
-KEYS = 9
-"""Moments at which a shadow is computed, at most."""
-STRAYS = 5.0
-"""px by which an object's border may deviate from a straight path between two of them."""
-BALLS = 90
-"""Of WebP, for the layers of balls."""
-SMALL = 20_000
-"""px² of a picture that is also tried as PNG."""
-LARGE = 60_000
-"""px² of a ball's box up to which the page's script rotates it, pixel by pixel."""
-GAMMA = 2.2
-"""A shadow's share of linear light, to the power of 1 / GAMMA, is about that of an sRGB code, which browsers blend."""
-FAINTEST = 0.012
-"""Of light that a shadow removes, at least."""
-SHADOW = 72
-"""px of the longer side of a shadow's picture: it is soft."""
+
+@dataclass(frozen=True)
+class PlayerLimits:
+    """Sizes, qualities and rounding of the player's data."""
+
+    largest: int = 1280
+    """px of the background's longer side: twice its size on a page."""
+    quality: int = 86
+    """Of WebP."""
+    keys: int = 9
+    """Moments at which a shadow is computed, at most."""
+    strays: float = 5.0
+    """px by which an object's border may deviate from a straight path between two of them."""
+    balls: int = 90
+    """Of WebP, for the layers of balls."""
+    small: int = 20_000
+    """px² of a picture that is also tried as PNG."""
+    large: int = 60_000
+    """px² of a ball's box up to which the page's script rotates it, pixel by pixel."""
+    gamma: float = 2.2
+    """A shadow's share of linear light, to the power of 1 / gamma, is about that of the sRGB codes in browsers."""
+    faintest: float = 0.012
+    """Of light that a shadow removes, at least."""
+    shadow: int = 72
+    """px of the longer side of a shadow's picture: it is soft."""
+    finer: int = 4
+    """Samples a frame in the player."""
+    few: int = 40_000
+    """Samples times objects of such a closer look."""
+    effort: int = 200_000
+    """Steps times objects of a run up to which it is looked at so closely: where it must be run again, some seconds."""
+    most_impacts: int = 500
+    """In a page, the strongest."""
+    most: int = 1_000_000
+    """Samples times objects in a page."""
+    place: float = 1 / 32
+    angle: float = 1 / 4096
+    instant: float = 1e-6
+    """px, rad and s: steps to which poses and times are rounded."""
+    turn: float = 1 / 2048
+    """Step of the parts of a quaternion."""
+    codes: int = 8000
+    """Steps of the largest speed, and of the range of an energy."""
+    outline: float = 0.05
+    """px to which outlines are rounded."""
+
+
+LIMITS = PlayerLimits()
 
 
 def plate(stage: Stage, moving: Sequence[int]) -> str:
@@ -68,7 +96,7 @@ def plate(stage: Stage, moving: Sequence[int]) -> str:
                 (x0, y0, x1, y1), was = whole
                 dark[y0:y1, x0:x1] -= was
         background = encode_u8(shaded_background(stage.lit.plate, dark, stage.lit.tint))
-    return webp(_smaller(background, _less(stage)), QUALITY)
+    return webp(_smaller(background, _less(stage)), LIMITS.quality)
 
 
 def sprites(stage: Stage) -> list[dict[str, Any]]:
@@ -82,7 +110,7 @@ def sprites(stage: Stage) -> list[dict[str, Any]]:
 
 def _less(stage: Stage) -> float:
     """Of the picture's size, at which it is shown."""
-    return float(min(1.0, LARGEST / max(stage.background.shape[:2])))
+    return float(min(1.0, LIMITS.largest / max(stage.background.shape[:2])))
 
 
 def _smaller(pixels: U8, less: float) -> U8:
@@ -116,9 +144,11 @@ def _cut(sprite: Sprite, less: float, scale: float) -> dict[str, Any]:
         "body": sprite.body,
         "box": _placed((left, top, left + alpha.shape[1], top + alpha.shape[0]), scale),
         "turns": not _looks_alike(sprite),
-        "src": (smallest_picture if alpha.size <= SMALL else webp)(_smaller(pixels, less), QUALITY),
+        "src": (smallest_picture if alpha.size <= LIMITS.small else webp)(
+            _smaller(pixels, less), LIMITS.quality
+        ),
     }
-    if sprite.ball is not None and found["turns"] and less == 1 and alpha.size <= LARGE:
+    if sprite.ball is not None and found["turns"] and less == 1 and alpha.size <= LIMITS.large:
         ball = sprite.ball
         found["ball"] = {
             "center": [round(ball.center[0] - left, 3), round(ball.center[1] - top, 3)],
@@ -135,7 +165,7 @@ def _coded(values: F32, *, signed: bool = False) -> dict[str, Any]:
     most = max(float(np.abs(values).max()), 1e-6)
     roots = np.sqrt(np.abs(values) / most)
     codes = 128 + 127 * np.sign(values) * roots if signed else 255 * roots * (values > 0)
-    return {"most": float(f"{most:.4g}"), "src": webp(np.rint(codes).astype(np.uint8), BALLS)}
+    return {"most": float(f"{most:.4g}"), "src": webp(np.rint(codes).astype(np.uint8), LIMITS.balls)}
 
 
 def _looks_alike(sprite: Sprite) -> bool:
@@ -153,11 +183,11 @@ def keyed(path: Array, reach: float) -> list[int]:
     """Samples of a way (T, 3) px, px, rad between which it is about straight: ends and the most bent between them."""
     flat = path * (1, 1, reach)
     keys = [0, len(flat) - 1] if len(flat) > 1 else [0]
-    while len(keys) < KEYS:
+    while len(keys) < LIMITS.keys:
         samples = np.arange(len(flat))
         straight = np.stack([np.interp(samples, keys, column[keys]) for column in flat.T], axis=1)
         away = np.abs(flat - straight).max(axis=1)
-        if away.max() <= STRAYS:
+        if away.max() <= LIMITS.strays:
             break
         keys = sorted({*keys, int(away.argmax())})
     return keys
@@ -216,8 +246,8 @@ def _dark(stage: Stage, lit: LitBackground, stand: SpritePose) -> tuple[PixelBox
 
 def _shadow(box: PixelBox, dark: F32) -> dict[str, Any]:
     """Its picture, black that covers more or less; nothing where it is too faint to be seen."""
-    covers = 1 - np.exp(-np.maximum(dark, 0) / GAMMA)
-    rows, columns = (np.flatnonzero((covers > FAINTEST).any(axis=axis)) for axis in (1, 0))
+    covers = 1 - np.exp(-np.maximum(dark, 0) / LIMITS.gamma)
+    rows, columns = (np.flatnonzero((covers > LIMITS.faintest).any(axis=axis)) for axis in (1, 0))
     if not len(rows):
         return {}
     y0, y1, x0, x1 = int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
@@ -230,7 +260,7 @@ def _shadow(box: PixelBox, dark: F32) -> dict[str, Any]:
     alpha = np.rint(255 * covers).astype(np.uint8)
     black = np.zeros((*alpha.shape, 4), np.uint8)
     black[..., 3] = alpha
-    black = _smaller(black, min(1.0, SHADOW / max(alpha.shape)))
+    black = _smaller(black, min(1.0, LIMITS.shadow / max(alpha.shape)))
     place = (box[0] + x0, box[1] + y0, box[0] + x1, box[1] + y1)
     return {
         "box": _placed(place, 1.0),
@@ -238,25 +268,6 @@ def _shadow(box: PixelBox, dark: F32) -> dict[str, Any]:
         "src": webp(black, 0),  # coverage is kept whatever the quality
     }
 
-
-FINER = 4
-"""Samples a frame in the player."""
-FEW = 40_000
-"""Samples times objects of such a closer look."""
-EFFORT = 200_000
-"""Steps times objects of a run up to which it is looked at so closely: where it must be run again, some seconds."""
-MOST_IMPACTS = 500
-"""In a page, the strongest."""
-MOST = 1_000_000
-"""Samples times objects in a page."""
-PLACE, ANGLE, INSTANT = 1 / 32, 1 / 4096, 1e-6
-"""px, rad and s: steps to which poses and times are rounded."""
-TURN = 1 / 2048
-"""Step of the parts of a quaternion."""
-CODES = 8000
-"""Steps of the largest speed, and of the range of an energy."""
-OUTLINE = 0.05
-"""px to which outlines are rounded."""
 
 Data = dict[str, Any]
 
@@ -275,26 +286,27 @@ def player_data(
     hundreds of objects are shown by their frames alone, without impacts.
     """
     T, N = len(trajectory.times), len(world.bodies)
-    if not T or T * N > MOST:
+    if not T or LIMITS.most < T * N:
         return None
     seen, struck = trajectory, list[Impact]()
-    if N and T > 1 and trajectory.effort.steps * N <= EFFORT:
-        seen = sampled(sample_times(trajectory, FINER, max(T, FEW // N)))
-        struck = find_impacts(world, seen, world.duration / max(len(world.times), 1) / FINER)
+    if N and T > 1 and trajectory.effort.steps * N <= LIMITS.effort:
+        seen = sampled(sample_times(trajectory, LIMITS.finer, max(T, LIMITS.few // N)))
+        struck = find_impacts(world, seen, world.duration / max(len(world.times), 1) / LIMITS.finer)
         struck = sorted(
-            sorted(struck, key=lambda impact: -impact.impulse)[:MOST_IMPACTS], key=lambda impact: impact.time
+            sorted(struck, key=lambda impact: -impact.impulse)[: LIMITS.most_impacts],
+            key=lambda impact: impact.time,
         )
     kinds = set(Overlay)
     moving = _moving(stage, trajectory)
     fastest = float(np.abs(seen.velocities[..., :2]).max(initial=0.0))
     spin = float(np.abs(seen.velocities[..., 2]).max(initial=0.0))
     steps = {
-        "turn": TURN,
-        "time": INSTANT,
-        "place": PLACE,
-        "angle": ANGLE,
-        "speed": fastest / CODES or 1.0,
-        "spin": spin / CODES or 1.0,
+        "turn": LIMITS.turn,
+        "time": LIMITS.instant,
+        "place": LIMITS.place,
+        "angle": LIMITS.angle,
+        "speed": fastest / LIMITS.codes or 1.0,
+        "spin": spin / LIMITS.codes or 1.0,
     }
     return {
         "name": scene.name,
@@ -303,8 +315,8 @@ def player_data(
         "gravity": world.gravity.tolist(),
         "top": world.view is View.TOP,
         "steps": steps,
-        "times": column(seen.times, INSTANT),
-        "frames": np.searchsorted(seen.times, trajectory.times - INSTANT / 2).tolist(),
+        "times": column(seen.times, LIMITS.instant),
+        "frames": np.searchsorted(seen.times, trajectory.times - LIMITS.instant / 2).tolist(),
         "clip": {"fps": scene.render.fps, "order": scene.render.play.value},
         "camera": _camera(shot),
         "bodies": [_body(scene, k, body, seen, steps) for k, body in enumerate(world.bodies)],
@@ -337,14 +349,16 @@ def _short(value: float, digits: int = 5) -> float:
 
 
 def _rounded(points: Array) -> list[list[float]]:
-    return [[round(round(v / OUTLINE) * OUTLINE, 2) for v in point] for point in points.tolist()]
+    return [
+        [round(round(v / LIMITS.outline) * LIMITS.outline, 2) for v in point] for point in points.tolist()
+    ]
 
 
 def _body(scene: Scene, k: int, body: Body, seen: Trajectory, steps: dict[str, float]) -> Data:
     pose, velocity = seen.poses[:, k], seen.velocities[:, k]
     found = figure(scene, k, body)
     if seen.turns.size and (seen.turns[:, k] != seen.turns[:1, k]).any():
-        found["q"] = [column(part, TURN) for part in _steady(seen.turns[:, k]).T]
+        found["q"] = [column(part, LIMITS.turn) for part in _steady(seen.turns[:, k]).T]
     for name, values, kind in (
         ("x", pose[:, 0], "place"),
         ("y", pose[:, 1], "place"),
@@ -388,7 +402,7 @@ def _energy(seen: Trajectory) -> Data:
     e = seen.energy
     low = float(e.potential.min()) if len(e.potential) else 0.0
     rows = {"kinetic": e.kinetic, "potential": e.potential - low, "dissipated": e.dissipated, "work": e.work}
-    step = max(float(np.abs(values).max(initial=0.0)) for values in rows.values()) / CODES or 1.0
+    step = max(float(np.abs(values).max(initial=0.0)) for values in rows.values()) / LIMITS.codes or 1.0
     return {"step": step, **{name: column(values, step) for name, values in rows.items()}}
 
 
@@ -411,7 +425,7 @@ def touches(seen: Trajectory) -> list[list[float | int | None]]:
         mine,
     ) in begins.items():  # what was given up to a sample belongs to the touch begun last before it
         of = np.flatnonzero(pair == key)
-        at = np.searchsorted([begin for begin, _ in mine], when[of] + INSTANT) - 1
+        at = np.searchsorted([begin for begin, _ in mine], when[of] + LIMITS.instant) - 1
         np.add.at(total, np.array([row for _, row in mine])[np.maximum(at, 0)], size[of])
     return [
         [first, second, round(begin, 6), round(end, 6) if np.isfinite(end) else None, _short(given)]

@@ -26,12 +26,26 @@ NEAR = 0.05
 PLACES = ("objects", "near", "elsewhere")
 JUMPS = ("guidance", "refined", "change")
 """Sequences whose largest step from frame to frame is measured: value, and the later frame."""
-COLUMNS = 6
-"""Moments of the strip."""
-PANEL = 240, 300
-"""px: largest width and height of a panel."""
-CELL = 72
-"""px: smallest width of a column, which leaves room for its time."""
+
+
+@dataclass(frozen=True)
+class StripStyle:
+    """Measures and layout of the picture of changes."""
+
+    columns: int = 6
+    """Moments of the strip."""
+    panel: tuple[int, int] = 240, 300
+    """px: largest width and height of a panel."""
+    cell: int = 72
+    """px: smallest width of a column, which leaves room for its time."""
+    robust: float = 99.8
+    """Percentile of a panel's changes that full colour is for: a few odd pixels do not pale the rest."""
+    scales: tuple[int, int, int, int, int, int, int, int] = (1, 2, 5, 10, 20, 50, 100, 255)
+    """Grey levels that full colour may stand for."""
+
+
+STRIP = StripStyle()
+
 MARGIN, GAP, LETTER, LINE = 90, 8, 18, 30
 """px: column of names, space between panels, letters, and a line of them."""
 ROWS = ("guidance", "refined", "change")
@@ -43,10 +57,6 @@ PALE = 176, 236
 """Grey levels of black and white under the colours of change."""
 LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
 """ITU-R BT.709, of sRGB codes."""
-ROBUST = 99.8
-"""Percentile of a panel's changes that full colour is for: a few odd pixels do not pale the rest."""
-SCALES = (1, 2, 5, 10, 20, 50, 100, 255)
-"""Grey levels that full colour may stand for."""
 HANDLED_KEYS = frozenset(
     (
         "backend",
@@ -84,7 +94,7 @@ class RefinementChanges:
     def __init__(self, count: int, fps: float) -> None:
         """`count` frames of the clip, at `fps` 1/s."""
         self._fps = fps
-        self._shown = set(np.linspace(0, count - 1, min(COLUMNS, count)).round().astype(int).tolist())
+        self._shown = set(np.linspace(0, count - 1, min(STRIP.columns, count)).round().astype(int).tolist())
         self.columns: list[Column] = []
         self.most = 0
         """The frame that changed most."""
@@ -150,7 +160,7 @@ class RefinementChanges:
         """(H, W, 3) sRGB: the strip; rows are guidance, refined and change, columns are moments."""
         levels = full_scale(self.columns)
         height, width = self.columns[0].change.shape
-        cell = max(width, CELL)
+        cell = max(width, STRIP.cell)
         size = (MARGIN + len(self.columns) * (cell + GAP), 2 * LINE + len(ROWS) * (height + GAP) + GAP)
         size = (max(size[0], 4 * MARGIN), size[1])
         page = np.full((size[1], size[0], 3), PAPER[0], np.uint8)
@@ -185,7 +195,7 @@ def panel(size: tuple[int, int]) -> tuple[int, int]:
     >>> panel((1920, 1080)), panel((1080, 1920))
     ((240, 135), (169, 300))
     """
-    scale = min(PANEL[0] / size[0], PANEL[1] / size[1])
+    scale = min(STRIP.panel[0] / size[0], STRIP.panel[1] / size[1])
     return max(1, round(size[0] * scale)), max(1, round(size[1] * scale))
 
 
@@ -204,8 +214,8 @@ def full_scale(columns: Sequence[Column]) -> int:
     """Grey levels that full colour stands for; 0 where nothing changed."""
     if not any(one.change.any() for one in columns):
         return 0
-    most = max(float(np.percentile(np.abs(one.change), ROBUST)) for one in columns)
-    return next((scale for scale in SCALES if most < scale + 0.5), SCALES[-1])
+    most = max(float(np.percentile(np.abs(one.change), STRIP.robust)) for one in columns)
+    return next((scale for scale in STRIP.scales if most < scale + 0.5), STRIP.scales[-1])
 
 
 def change_picture(one: Column, levels: int) -> U8:

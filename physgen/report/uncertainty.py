@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import degrees
 from typing import Any
 
@@ -20,18 +21,30 @@ from physgen.simulate.uncertainty_summary import VERBS, Verdict, headline, perce
 Array = NDArray[np.float64]
 U8 = NDArray[np.uint8]
 
-WIDEST, QUALITY = 1000, 80
-"""px of the photo below the paths, and of its JPEG."""
-MOST_DRAWS, MOST_POINTS, MOST_ENDS = 64, 100_000, 1500
-"""Draws whose paths are drawn, points of all paths, and outlines at the end; further draws are left out."""
-MOST_GROUPS = 24
-"""Groups of objects with sentences; the tables have all."""
-PATH_ERROR = 0.25
-"""px of a canvas 640 px wide by which a drawn path may deviate."""
-VISIBLE = 0.01
-"""Of the canvas's longer side: shorter paths are not drawn."""
-Z90 = 1.6448536269514722
-"""Of the normal distribution: 9 of 10 draws are within."""
+
+@dataclass(frozen=True)
+class SectionLimits:
+    """What the section shows at most."""
+
+    widest: int = 1000
+    quality: int = 80
+    """px of the photo below the paths, and of its JPEG."""
+    most_draws: int = 64
+    most_points: int = 100_000
+    most_ends: int = 1500
+    """Draws whose paths are drawn, points of all paths, and outlines at the end; further draws are left out."""
+    most_groups: int = 24
+    """Groups of objects with sentences; the tables have all."""
+    path_error: float = 0.25
+    """px of a canvas 640 px wide by which a drawn path may deviate."""
+    visible: float = 0.01
+    """Of the canvas's longer side: shorter paths are not drawn."""
+    z90: float = 1.6448536269514722
+    """Of the normal distribution: 9 of 10 draws are within."""
+
+
+LIMITS = SectionLimits()
+
 PLURAL = {Fate.STAYS: "stay", Fate.MOVES: "move", Fate.LEAVES: "leave the photo", Fate.FALLS: "fall"}
 UncertaintySection = dict[str, Any]
 """Variables of `fan.html.j2`."""
@@ -43,7 +56,9 @@ def uncertainty_section(fan: Ensemble, found: Sequence[Verdict], world: World) -
     `ways` are paths of bodies in draws, `ends` their final outlines, `own` the paths in the clip, `groups` bodies
     with equal sentences, `alike` those with a certain outcome, `rows` and `drawn` the tables.
     """
-    shown = fan.whole[: max(2, min(MOST_DRAWS, MOST_POINTS // (len(fan.times) * max(len(fan.names), 1))))]
+    shown = fan.whole[
+        : max(2, min(LIMITS.most_draws, LIMITS.most_points // (len(fan.times) * max(len(fan.names), 1))))
+    ]
     ways, ends = _paths(fan, shown, world), _ends(fan, shown)
     groups, alike = _groups(found)
     fates = {way["fate"] for way in ways} | {part["fate"] for one in groups for part in one["bar"]["parts"]}
@@ -77,7 +92,7 @@ def uncertainty_section(fan: Ensemble, found: Sequence[Verdict], world: World) -
 
 def dimmed_photo(rgb: U8) -> str:
     """The photo `(H, W, 3)` sRGB below the paths, as a data URI."""
-    return jpeg(fitted(rgb, WIDEST), QUALITY)
+    return jpeg(fitted(rgb, LIMITS.widest), LIMITS.quality)
 
 
 def _facts(fan: Ensemble) -> str:
@@ -109,7 +124,7 @@ def _ends(fan: Ensemble, shown: Sequence[int]) -> list[dict[str, Any]]:
     fates = np.array([one.fates for k in shown if (one := fan.outcomes[k]) is not None])
     moved = np.flatnonzero((fates != Fate.STAYS).any(axis=0)).tolist() if len(fates) else []
     found = []
-    for n, k in enumerate(shown[: max(1, MOST_ENDS // max(len(moved), 1))]):
+    for n, k in enumerate(shown[: max(1, LIMITS.most_ends // max(len(moved), 1))]):
         for b in moved:
             x, y, angle = fan.poses[k, -1, b].tolist()
             fate = Fate(int(fates[n, b]))
@@ -121,9 +136,9 @@ def _ends(fan: Ensemble, shown: Sequence[int]) -> list[dict[str, Any]]:
 
 def _path(points: Array, world: World) -> str:
     """Path data with no more corners than are visible; empty where the body hardly moves."""
-    if np.hypot(*np.ptp(points, axis=0)) < VISIBLE * max(world.size):
+    if np.hypot(*np.ptp(points, axis=0)) < LIMITS.visible * max(world.size):
         return ""
-    error = PATH_ERROR * max(world.size) / 640
+    error = LIMITS.path_error * max(world.size) / 640
     kept = cv2.approxPolyDP(np.ascontiguousarray(points, np.float32)[:, None], error, False)[:, 0]
     return _path_data(kept if len(kept) > 1 else points[[0, -1]])
 
@@ -145,7 +160,7 @@ def _groups(found: Sequence[Verdict]) -> tuple[list[dict[str, Any]], list[tuple[
         same.setdefault(tuple(v.sentences()), []).append(v)
     found_groups: list[dict[str, Any]] = [
         {"number": n, "names": [v.name for v in found if v in those], "bar": _bar(those[0]), "lines": lines}
-        for n, (lines, those) in enumerate(list(same.items())[:MOST_GROUPS], 1)
+        for n, (lines, those) in enumerate(list(same.items())[: LIMITS.most_groups], 1)
     ]
     alike: list[tuple[str, Sequence[str]]] = []
     for fate in sorted(groups, reverse=True):
@@ -194,6 +209,6 @@ def _distribution(doubt: UncertainValue) -> dict[str, Any]:
         "path": doubt.path,
         "value": f"{doubt.value:.4g}",
         "source": doubt.source,
-        "low": f"{doubt.spread.at(-Z90):.3g}",
-        "high": f"{doubt.spread.at(Z90):.3g}",
+        "low": f"{doubt.spread.at(-LIMITS.z90):.3g}",
+        "high": f"{doubt.spread.at(LIMITS.z90):.3g}",
     }

@@ -22,12 +22,22 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 U8 = NDArray[np.uint8]
 
-WIDTH = 174.0
-"""mm."""
-GAP, CAPTION, NAME = 3.0, 11.0, 12.0
-"""Points: between pictures, of the line of times, and of the scene's name at the left."""
-SHAFT = 1.15
-"""Points: the width of an arrow's shaft."""
+
+@dataclass(frozen=True)
+class StripLayout:
+    """Sizes of a strip."""
+
+    width: float = 174.0
+    """mm."""
+    gap: float = 3.0
+    caption: float = 11.0
+    name: float = 12.0
+    """Points: between pictures, of the line of times, and of the scene's name at the left."""
+    shaft: float = 1.15
+    """Points: the width of an arrow's shaft."""
+
+
+LAYOUT = StripLayout()
 
 
 @dataclass(frozen=True)
@@ -56,10 +66,12 @@ def strip_figure(rows: Sequence[StripRow], width: float | None = None, *, names:
     """
     cell = min(row.photo.shape[1] for row in rows)
     count = max(len(row.pictures) for row in rows)
-    inches = (width or WIDTH) / MM
-    pads = ((count - 1) * GAP + (NAME if names else 0.0)) / 72
+    inches = (width or LAYOUT.width) / MM
+    pads = ((count - 1) * LAYOUT.gap + (LAYOUT.name if names else 0.0)) / 72
     dpi = count * cell / max(inches - pads, 0.2 * inches)
-    gap, caption, left = (round(points * dpi / 72) for points in (GAP, CAPTION, NAME if names else 0.0))
+    gap, caption, left = (
+        round(points * dpi / 72) for points in (LAYOUT.gap, LAYOUT.caption, LAYOUT.name if names else 0.0)
+    )
     tall = [max(1, round(cell * row.photo.shape[0] / row.photo.shape[1])) for row in rows]
     wide, high = left + count * (cell + gap) - gap, sum(tall) + len(rows) * caption
     with plot_settings():
@@ -76,7 +88,7 @@ def strip_figure(rows: Sequence[StripRow], width: float | None = None, *, names:
                 axes.imshow(_sized(rgb, cell, height), aspect="auto", interpolation="none")
                 axes.set_title(text, fontsize=SMALL, pad=2)
                 if k == 0:
-                    _draw_arrows(axes, row, cell / rgb.shape[1], SHAFT * dpi / 72)
+                    _draw_arrows(axes, row, cell / rgb.shape[1], LAYOUT.shaft * dpi / 72)
             if names:
                 place = (0.4 * left / wide, 1 - (top + height / 2) / high)
                 figure.text(*place, row.name, rotation=90, ha="center", va="center", fontsize=TEXT)
