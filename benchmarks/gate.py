@@ -86,6 +86,16 @@ INTENDED: dict[str, str] = {
     "perceive/*/shadows.png*": "one search of a distant light and one removal for both views",
     "perceive/*/clean.png*": "one search of a distant light and one removal for both views",
     "perceive/*/background.png*": "the exemplar fill has no costs by direction and one strength of grain",
+    "perceive/*/normals.png*": "hidden balls by the circle fit that all of perception shares",
+    "perceive/*/albedo.png*": "as normals",
+    "perceive/*/shading.png*": "as normals",
+    "perceive/*/files": "no clean.png and shadows.png where soft light alone leaves shade",
+    "perceive/*/messages": "warnings follow the supports",
+    "perceive/import-*/import/*": "one search of a distant light and one removal for both views",
+    "perceive/import-*/clip/*": "as imported scenes",
+    "perceive/import-*/trajectory/*": "as imported scenes",
+    "perceive/import-*/resolved": "as imported scenes",
+    "perceive/import-*/export/*": "as imported scenes",
     "commands/fan/*": "as perceived scenes",
 }
 """Patterns of entries (`group/name/item`, as fnmatch reads them) that may differ, with the reason."""

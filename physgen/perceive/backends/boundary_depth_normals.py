@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import exp, log
 
 import cv2
@@ -53,13 +54,24 @@ from physgen.scene.scene import View
 DEEPER, FLOOR, FACING = 2.5, 2.0, 1.5
 """Log odds at most of the side view: the background above objects is farther than below; a surface faces up; and of the
 top view: all faces the viewer."""
-EVEN = 0.25  # of how far objects stand out: up to so much farther above than below is as far, from a rim or a tilt
-UP = 0.6  # -y of a normal from which a surface faces up
-ENOUGH = 0.02  # of the background that faces up, from which there is a floor
-THROUGH = 2.0  # px that an edge may run within an outline: an error of the mask, or of the depth beside it
-# cosine between the way an edge's surface faces and the way out of it, from which it is its section
-SECTION = 0.9
-SLOPE = 8.0  # degrees from level where slopes begin
+
+
+@dataclass(frozen=True)
+class _Limits:
+    """Cues of the view, and which edges are walls."""
+
+    # of how far objects stand out: up to so much farther above than below is as far, from a rim or a tilt
+    even: float = 0.25
+    up: float = 0.6  # -y of a normal from which a surface faces up
+    enough: float = 0.02  # of the background that faces up, from which there is a floor
+    # px that an edge may run within an outline: an error of the mask, or of the depth beside it
+    through: float = 2.0
+    # cosine between the way an edge's surface faces and the way out of it, from which it is its section
+    section: float = 0.9
+    slope: float = 8.0  # degrees from level where slopes begin
+
+
+LIMITS = _Limits()
 
 
 def depth_normals() -> Boundary:
@@ -120,12 +132,14 @@ def _guess_view(
     odds = {reason: (1 if view is View.SIDE else -1) * log(sure / (1 - sure))}
     deeper = above_below(depth, labels, objects, away)
     if len(objects):
-        farther = "farther away than what is below" if deeper > EVEN else "as far away as what is below"
-        shift = float(np.clip(2 * DEEPER * (deeper - EVEN), -DEEPER, DEEPER))
+        farther = (
+            "farther away than what is below" if deeper > LIMITS.even else "as far away as what is below"
+        )
+        shift = float(np.clip(2 * DEEPER * (deeper - LIMITS.even), -DEEPER, DEEPER))
         odds[f"what is above the objects is {farther}"] = shift
     if not away.all():
-        up = float((normals[..., 1] < -UP)[~away].mean())
-        if up >= ENOUGH:
+        up = float((normals[..., 1] < -LIMITS.up)[~away].mean())
+        if up >= LIMITS.enough:
             odds["there is a floor that faces up"] = FLOOR
         elif float((normals[..., 2] > LEAST_FACING)[~away].mean()) > 0.9:
             odds["the background faces the viewer"] = -FACING
@@ -152,7 +166,7 @@ def _walls(
         count = max(2, int(edge.length))
         along = edge.start + np.linspace(0, 1, count)[:, None] * (edge.end - edge.start)
         within = max((float(depth_inside(o, along).max()) for o in outlines), default=0.0)
-        behind = edge.out[1] < -0.7 and within > THROUGH  # objects stand lower than this
+        behind = edge.out[1] < -0.7 and within > LIMITS.through  # objects stand lower than this
         if view is View.SIDE and (behind or _is_rim(edge)):
             continue
         chain = [(round(float(x), 2), round(float(y), 2)) for x, y in (edge.start, edge.end)]
@@ -172,13 +186,13 @@ def _is_rim(edge: Edge) -> bool:
     """Whether it ends a plane nearer than the objects' that faces elsewhere, as the side rim of a table's top."""
     assert edge.facing is not None
     across = edge.facing[:2]
-    return bool(np.hypot(*across) > UP and across @ edge.out < SECTION * np.hypot(*across))
+    return bool(np.hypot(*across) > LIMITS.up and across @ edge.out < LIMITS.section * np.hypot(*across))
 
 
 def _kind(edge: Edge, view: View) -> str:
     if view is View.TOP:
         return "cushion"
-    if abs(edge.angle) <= SLOPE:
+    if abs(edge.angle) <= LIMITS.slope:
         return "ledge"
     return "slope" if edge.out[1] < -0.35 else "underside" if edge.out[1] > 0.35 else "side"
 

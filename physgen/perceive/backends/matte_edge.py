@@ -7,16 +7,26 @@ alpha), which may move the border by as much as the mask is likely to be off.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 
 from physgen.perceive.roles import F32, Labels, Mask, Matte, Rgb
 from physgen.photometry import decode
 
-REACH = 1.0  # px from one half to 0 or 1
-SHIFT = 2.75  # px by which the photo may move the border
-# difference of square roots of linear light from which colours separate object and background
-CONTRAST = 0.08
+
+@dataclass(frozen=True)
+class _Limits:
+    """How far the photo moves a border."""
+
+    reach: float = 1.0  # px from one half to 0 or 1
+    shift: float = 2.75  # px by which the photo may move the border
+    # difference of square roots of linear light from which colours separate object and background
+    contrast: float = 0.08
+
+
+LIMITS = _Limits()
 
 
 def edge() -> Matte:
@@ -31,14 +41,16 @@ def _edge(rgb: Rgb, labels: Labels) -> F32:
     distance = _border_distance(inside)
     coverage = _ramp(distance)
     mixed, trust = _coverage_by_colour(rgb, distance)
-    moved = np.clip(mixed, _ramp(distance - SHIFT), _ramp(distance + SHIFT))
-    coverage = np.where(np.abs(distance) < REACH + SHIFT, coverage + trust * (moved - coverage), coverage)
+    moved = np.clip(mixed, _ramp(distance - LIMITS.shift), _ramp(distance + LIMITS.shift))
+    coverage = np.where(
+        np.abs(distance) < LIMITS.reach + LIMITS.shift, coverage + trust * (moved - coverage), coverage
+    )
     return np.asarray(np.round(coverage * 255) / 255, np.float32)  # as stored: 0 here is 0 in coverage.png
 
 
 def _ramp(distance: F32) -> F32:
-    """Distance to the border, px, positive inside -> coverage: smooth from 0 to 1 over 2 REACH."""
-    t = np.clip(distance / np.float32(REACH), -1, 1)
+    """Distance to the border, px, positive inside -> coverage: smooth from 0 to 1 over 2 LIMITS.reach."""
+    t = np.clip(distance / np.float32(LIMITS.reach), -1, 1)
     return np.asarray(0.5 + 0.75 * t - 0.25 * t**3, np.float32)
 
 
@@ -54,12 +66,12 @@ def _border_distance(inside: Mask) -> F32:
 def _coverage_by_colour(rgb: Rgb, distance: F32) -> tuple[F32, F32]:
     """Coverage `(H, W)` by colour, and its trust, 0..1."""
     colour = np.sqrt(decode(rgb))
-    front = _nearby_mean(colour, distance > REACH + SHIFT - 1)
-    back = _nearby_mean(colour, distance < -(REACH + SHIFT + 0.5))
+    front = _nearby_mean(colour, distance > LIMITS.reach + LIMITS.shift - 1)
+    back = _nearby_mean(colour, distance < -(LIMITS.reach + LIMITS.shift + 0.5))
     axis = front - back
     length = np.einsum("ijk,ijk->ij", axis, axis)
     share = np.einsum("ijk,ijk->ij", colour - back, axis) / np.maximum(length, 1e-6)
-    trust = np.clip(np.sqrt(length) / CONTRAST - 0.5, 0, 1)
+    trust = np.clip(np.sqrt(length) / LIMITS.contrast - 0.5, 0, 1)
     known = (front.sum(2) > 0) & (back.sum(2) > 0)
     smooth = cv2.GaussianBlur(np.clip(share, 0, 1).astype(np.float32), (0, 0), 0.5)
     return smooth, np.where(known, trust, 0).astype(np.float32)

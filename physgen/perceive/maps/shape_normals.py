@@ -15,12 +15,20 @@ from physgen.geometry.circles import robust_circle
 from physgen.geometry.polygon import Array
 from physgen.perceive.roles import F32, Mask
 
-COARSE = 56  # px, the longer side of the grid on which a cushion is inflated
-ITERATIONS = 90  # of conjugate gradients on that grid
-TRIES = 8  # halves of the border of a hidden ball through which a circle is laid
-ARC = 0.55  # share of its border on one circle
-FIT = 0.03  # of the radius, that the border may be off it
-WITHIN = 0.97  # share of the mask inside it
+
+@dataclass(frozen=True)
+class _Limits:
+    """Grid of a cushion, and what is taken for a part of a ball."""
+
+    coarse: int = 56  # px, the longer side of the grid on which a cushion is inflated
+    iterations: int = 90  # of conjugate gradients on that grid
+    tries: int = 8  # halves of the border of a hidden ball through which a circle is laid
+    arc: float = 0.55  # share of its border on one circle
+    fit: float = 0.03  # of the radius, that the border may be off it
+    within: float = 0.97  # share of the mask inside it
+
+
+LIMITS = _Limits()
 
 
 @dataclass(frozen=True)
@@ -75,7 +83,7 @@ def cushion_tilts(own: Mask) -> F32:
     2014): an ellipse becomes an ellipsoid.
     """
     h, w = own.shape
-    scale = min(1.0, COARSE / max(h, w))
+    scale = min(1.0, LIMITS.coarse / max(h, w))
     size = max(3, round(w * scale)), max(3, round(h * scale))
     share = cv2.resize(own.astype(np.float32), size, interpolation=cv2.INTER_AREA)
     inside = np.pad((share > 0.5).astype(np.float64), 1)
@@ -102,7 +110,7 @@ def _poisson(inside: NDArray[np.float64], across: float, down: float) -> NDArray
     x = np.zeros_like(inside)
     rest = 4 * inside
     p, rr = rest.copy(), float((rest * rest).sum())
-    for _ in range(ITERATIONS):
+    for _ in range(LIMITS.iterations):
         if rr < 1e-6:
             break
         q = apply(p)
@@ -135,14 +143,14 @@ def hidden_ball(body: Mask) -> tuple[tuple[float, float], float] | None:
     if len(border) < 24:
         return None
     half = np.arange(len(border) // 2)
-    stretches = [(half + k * len(border) // TRIES) % len(border) for k in range(TRIES)]
+    stretches = [(half + k * len(border) // LIMITS.tries) % len(border) for k in range(LIMITS.tries)]
     tries = [robust_circle(border[stretch]) for stretch in stretches]
     best = max(tries, key=lambda circle: np.count_nonzero(_on_circle(border, circle)))
     circle = robust_circle(border[_on_circle(border, best)])
     x, y, radius = circle.tolist()
     rows, columns = np.nonzero(body)
     within = np.hypot(columns - x, rows - y) <= radius + 1.5
-    if _on_circle(border, circle).mean() < ARC or within.mean() < WITHIN:
+    if _on_circle(border, circle).mean() < LIMITS.arc or within.mean() < LIMITS.within:
         return None
     return (x, y), radius + 0.5  # the border's pixels lie half a pixel within the outline
 
@@ -150,4 +158,4 @@ def hidden_ball(body: Mask) -> tuple[tuple[float, float], float] | None:
 def _on_circle(border: Array, circle: Array) -> Mask:
     """(n,) whether points of the border lie on a circle: x, y, radius."""
     off = np.abs(np.hypot(border[:, 0] - circle[0], border[:, 1] - circle[1]) - circle[2])
-    return np.asarray(off <= max(0.8, FIT * circle[2]))
+    return np.asarray(off <= max(0.8, LIMITS.fit * circle[2]))

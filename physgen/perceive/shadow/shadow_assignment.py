@@ -7,6 +7,7 @@ predicts no shadow, the place goes to the owner of the nearest that it predicts.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -16,11 +17,19 @@ from physgen.perceive.roles import F32, Labels, Mask, Rgb
 from physgen.perceive.shadow.silhouettes import DARKEST, away_from_objects
 from physgen.photometry import decode, luminance
 
-FAINT = 0.08  # -log of light, smoothed: less is no visible shadow
-PREDICTED = 0.02  # -log of light from which geometry predicts a shadow
-SHARE = 0.3  # weight of geometry: the photo alone leaves the soft ends of shadows to its grain
-SMOOTH = 2.0  # px: standard deviation of the blur; finer detail is grain
-SPECK = 16  # px: a smaller patch is none
+
+@dataclass(frozen=True)
+class _Limits:
+    """Which pixels belong to a shadow."""
+
+    faint: float = 0.08  # -log of light, smoothed: less is no visible shadow
+    predicted: float = 0.02  # -log of light from which geometry predicts a shadow
+    share: float = 0.3  # weight of geometry: the photo alone leaves the soft ends of shadows to its grain
+    smooth: float = 2.0  # px: standard deviation of the blur; finer detail is grain
+    speck: int = 16  # px: a smaller patch is none
+
+
+LIMITS = _Limits()
 
 
 def shadow_owners(
@@ -31,7 +40,9 @@ def shadow_owners(
     `casts`: of each object its id and -log of the light that it leaves in a box of the photo.
     """
     owner, most = _strongest(casts, coverage.shape)
-    dark = (1 - SHARE) * removed_light(background, clean, coverage) + SHARE * most > FAINT
+    dark = (1 - LIMITS.share) * removed_light(
+        background, clean, coverage
+    ) + LIMITS.share * most > LIMITS.faint
     return assign_regions(dark & (coverage < 0.5), owner)
 
 
@@ -40,7 +51,7 @@ def _strongest(casts: Iterable[tuple[int, PixelBox, F32]], shape: tuple[int, ...
     owner, most = np.zeros(shape, np.uint16), np.zeros(shape, np.float32)
     for number, (x0, y0, x1, y1), values in casts:
         part = np.s_[y0:y1, x0:x1]
-        more = values > np.maximum(most[part], PREDICTED)
+        more = values > np.maximum(most[part], LIMITS.predicted)
         owner[part][more] = number
         most[part][more] = values[more]
     return owner, most
@@ -53,9 +64,9 @@ def removed_light(background: Rgb, clean: Rgb, coverage: F32) -> F32:
     """
     logs = [np.log(luminance(decode(picture)) + DARKEST) for picture in (clean, background)]
     free = away_from_objects(coverage).astype(np.float32)
-    near = np.maximum(cv2.GaussianBlur(free, (0, 0), SMOOTH), 1e-2)
+    near = np.maximum(cv2.GaussianBlur(free, (0, 0), LIMITS.smooth), 1e-2)
     removed, level = (
-        cv2.GaussianBlur(part.astype(np.float32) * free, (0, 0), SMOOTH) / near
+        cv2.GaussianBlur(part.astype(np.float32) * free, (0, 0), LIMITS.smooth) / near
         for part in (logs[0] - logs[1], logs[0])
     )
     contact = np.where((free == 0) & (near > 0.05), level - cv2.GaussianBlur(logs[1], (0, 0), 0.7), 0)
@@ -68,7 +79,7 @@ def assign_regions(dark: Mask, owner: Labels) -> Labels | None:
         return None
     count, names, stats, _ = cv2.connectedComponentsWithStats(dark.astype(np.uint8), connectivity=8)
     owned = np.bincount(names[owner > 0], minlength=count) > 0  # a patch that no object predicts is no shadow
-    kept = owned & (stats[:, cv2.CC_STAT_AREA] >= SPECK)
+    kept = owned & (stats[:, cv2.CC_STAT_AREA] >= LIMITS.speck)
     kept[0] = False
     there = kept[names]
     if not there.any():
