@@ -74,6 +74,7 @@ INTENDED: dict[str, str] = {
     "scenes/ramp/*/inputs/scene.yaml": "a comment of the scene is reworded",
     "measures/physics*": "the record names its measure and its bars, as all measures do",
     "commands/plot --help*": "--dark, --si, --columns went; --width takes mm",
+    "commands/perceive --help*": "--fallback and --keep-models are gone",
     "commands/gallery --help*": "--single-file went",
     "measures/properties*": "the studio's photos are a benchmark; only the paper's two figures of masses are left",
     "commands/evaluate properties --help*": "--truth: the same; --answers and --save-answers went",

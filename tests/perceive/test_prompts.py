@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from physgen import pipeline
 from physgen.cli.main import main
+from physgen.maps import read_labels
 from physgen.perceive.segment.prompts import Segmenter, from_prompts, segment_box
 from physgen.registry import Backends
-from physgen.scene.scene import Box, BoxPrompt, PointPrompt
+from physgen.scene.scene import BoxPrompt, PointPrompt
 
 Photo = tuple[NDArray[np.uint8], NDArray[np.uint16]]
 Sides = tuple[float, float, float, float]
@@ -115,17 +116,8 @@ def test_the_scene_says_where_a_person_pointed(tmp_path: Path) -> None:
     assert main(["perceive", str(photo), "--box", "95,55,80,80.5", "--side", "150", "-o", str(scene)]) == 0
     (only,) = pipeline.load(scene).objects
     assert only.prompt == BoxPrompt((47.5, 27.5, 40, 40.25))  # px of the scene's own photo
-    assert overlap_of_shape(only, labels) > 0.8
-
-
-def overlap_of_shape(only: object, labels: NDArray[np.uint16]) -> float:
-    box = only.shape  # type: ignore[attr-defined]
-    assert isinstance(box, Box)
-    assert abs(box.angle) < 2
-    half = np.array(box.size) / 2
-    points = (box.center + half * [[-1, -1], [1, -1], [1, 1], [-1, 1]]) * 2 + 0.5
-    drawn = cv2.fillPoly(np.zeros(labels.shape, np.uint8), [np.rint(points).astype(np.int32)], 1) > 0
-    return overlap(drawn, labels == 3)
+    mask = read_labels(scene.with_name("scene.assets") / "masks.png") > 0
+    assert overlap(np.repeat(np.repeat(mask, 2, 0), 2, 1), labels == 3) > 0.8
 
 
 @pytest.mark.parametrize(
