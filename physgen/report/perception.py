@@ -64,12 +64,12 @@ class Picture:
     @property
     def width(self) -> int:
         """px."""
-        return self.rgb.shape[1]
+        return int(self.rgb.shape[1])
 
     @property
     def height(self) -> int:
         """px."""
-        return self.rgb.shape[0]
+        return int(self.rgb.shape[0])
 
 
 @dataclass(frozen=True)
