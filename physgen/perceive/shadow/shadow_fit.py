@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import acos, asin, atan2, cos, degrees, inf, pi, sin
 
 import cv2
@@ -155,7 +156,7 @@ class LightFit:
 def fit_light(
     background: Rgb,
     coverage: F32,
-    at: Callable[[float, float | None], Sequence[Silhouette]],
+    at: Callable[..., Sequence[Silhouette]],
     floors: Sequence[float | None],
     guess: LightGuess,
     *,
@@ -163,28 +164,19 @@ def fit_light(
 ) -> LightFit | None:
     """The light whose shadows are seen, in px of the photo; None where none are.
 
-    `at` gives the silhouettes at a scale and over a floor, one of `floors`, that is tried.
+    `at(scale, floor=row)` gives the silhouettes at a scale and over a floor, one of `floors`, that is tried.
     """
-    found: tuple[float | None, LightFit] | None = None
-    for floor in floors:
-        picture = light_gradients(
-            background, coverage, TUNING.coarse, lambda scale, row=floor: at(scale, row)
-        )
+    tries: list[tuple[float | None, float, LightFit]] = []
+    for row in floors:
+        picture = light_gradients(background, coverage, TUNING.coarse, partial(at, floor=row))
         if picture is None:
             return None
-        fit = _search(picture, guess, top=top, on_wall=floor == inf)
-        if found is None or fit.likeness > found[1].likeness:
-            found = floor, fit
-    assert found is not None
-    floor, fit = found
-    fine = light_gradients(background, coverage, TUNING.fine, lambda scale: at(scale, floor))
+        tries.append((row, picture.scale, _search(picture, guess, top=top, on_wall=row == inf)))
+    floor, scale, fit = max(tries, key=lambda one: one[2].likeness)
+    fine = light_gradients(background, coverage, TUNING.fine, partial(at, floor=floor))
     assert fine is not None
-    fit = _climb(
-        fine,
-        _rated(fine, _rescaled(fit.setting, picture.scale / fine.scale, fine.size), guess),
-        TUNING.fine_steps,
-        guess,
-    )
+    start = _rescaled(fit.setting, scale / fine.scale, fine.size)
+    fit = _climb(fine, _rated(fine, start, guess), TUNING.fine_steps, guess)
     model = predicted_darkness(fine.silhouettes, fit.setting)
     likeness, factor = fine.agreement(model)
     seen = (model * fine.known)[model * fine.known > 0.02]

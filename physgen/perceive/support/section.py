@@ -74,7 +74,8 @@ class Section:
     @property
     def size(self) -> int:
         """The photo's longer side, px."""
-        return max(self.solid.shape)
+        height, width = self.solid.shape
+        return int(max(height, width))
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,7 +257,7 @@ def section_edges(section: Section, normals: F32) -> list[Edge]:
     return [edge for edge in planes if edge is not None]
 
 
-def _straight_edges(points: NDArray[np.int32], section: Section) -> Iterator[Edge]:
+def _straight_edges(points: NDArray[Any], section: Section) -> Iterator[Edge]:
     """Edges of one contour `(N, 2)`, half a pixel out: it runs through the middles of the outermost solid pixels."""
     height, width = section.solid.shape
     least = TUNING.shortest * section.size
