@@ -81,7 +81,7 @@ _POINT = {"type": "array", "items": _COORDINATE, "minItems": 2, "maxItems": 2, "
 _ID = {"pattern": "^[1-9][0-9]{0,4}$", "description": "ids of mask.png"}
 _VECTORS = {"type": ["object", "null"], "propertyNames": _ID, "additionalProperties": _POINT}
 _EDGE = {"type": "array", "items": _POINT, "minItems": 2, "maxItems": 2, "description": "[[x, y], [x, y]]"}
-_OBJECT = {
+_OBJECT: dict[str, Any] = {
     "type": "object",
     "description": "`key: value`, one a line",
     "properties": {
@@ -421,9 +421,9 @@ def _values(
 
 def _fault(root: Node, error: ValidationError) -> Problem:
     """The message of a violation of the schema, with its line."""
-    node = root
+    node: Any = root
     for key in error.absolute_path:
-        node = node.value[key]  # type: ignore[index,call-overload]
+        node = node.value[key]
     wanted = str(error.schema.get("description", "a number"))  # type: ignore[union-attr]
     found = shown(error.instance if error.validator == "pattern" else node.value)
     expected = "is missing" if error.validator == "required" else "is not what is read here"

@@ -226,7 +226,7 @@ def segment_point(
     lab = cv2.GaussianBlur(cv2.cvtColor(rgb, cv2.COLOR_RGB2LAB), (0, 0), 1.0)
     area = np.zeros((height + 2, width + 2), np.uint8)
     flags = 4 | cv2.FLOODFILL_MASK_ONLY | cv2.FLOODFILL_FIXED_RANGE | (1 << 8)
-    cv2.floodFill(lab, area, (x, y), 0, *[SEARCH.colour_range] * 2, flags)
+    cv2.floodFill(lab, area, (x, y), 0, SEARCH.colour_range, SEARCH.colour_range, flags)
     mask = area[1:-1, 1:-1] > 0
     if not SMALLEST_OBJECT <= mask.sum() <= 0.4 * mask.size:
         fix = "draw a box around it: --box x,y,w,h"
@@ -279,10 +279,10 @@ def object_in_box(rgb: Rgb, box: tuple[int, int, int, int]) -> PromptedMask:
     zoom = np.array([size[0] / (right - left), size[1] / (bottom - top)])
     method = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
     small = np.asarray(cv2.resize(part, size, interpolation=method), np.uint8)
-    areas = [max(20, round(share * area * zoom.prod())) for share in SEARCH.box_areas]
+    smallest, largest = (max(20, round(share * area * zoom.prod())) for share in SEARCH.box_areas)
     sides = np.array([x0 - left, y0 - top, x1 - left, y1 - top]) * np.tile(zoom, 2)
-    by_colour = _grabcut_proposals(small, sides, areas[0])
-    look = _photo_proposals(small, run_network(small, (SEARCH.network_side,)), *areas, by_colour)
+    by_colour = _grabcut_proposals(small, sides, smallest)
+    look = _photo_proposals(small, run_network(small, (SEARCH.network_side,)), smallest, largest, by_colour)
 
     def prior(one: Proposal) -> float:
         alike = max((iou(one, other) for other in by_colour), default=0.0)
@@ -355,8 +355,8 @@ def photo_proposals(rgb: Rgb) -> PhotoProposals:
     scale = min(1.0, (SEARCH.photo_area / (height * width)) ** 0.5)
     size = max(1, round(width * scale)), max(1, round(height * scale))
     small = np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA) if scale < 1 else rgb, np.uint8)
-    areas = (max(SMALLEST_OBJECT, round(share * size[0] * size[1])) for share in SEARCH.point_areas)
-    return _photo_proposals(small, run_network(rgb), *areas)
+    least, most = (max(SMALLEST_OBJECT, round(share * size[0] * size[1])) for share in SEARCH.point_areas)
+    return _photo_proposals(small, run_network(rgb), least, most)
 
 
 def _photo_proposals(
