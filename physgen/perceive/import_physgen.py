@@ -193,7 +193,8 @@ def import_physgen(
         document["light"], comments["light"] = light
     shadows = _find_shadows(percepts, objects, sim)
     if (clean := shadows.clean) is not None:
-        clean = refill_background(clean, background, coverage, registry.make("inpaint"))
+        if not shadows.faint:
+            clean = refill_background(clean, background, coverage, registry.make("inpaint"))
         percepts = replace(percepts, clean=clean)
         source = provenance("shadows", shadows.confidence)
         document["light"] = light_entry(shadows.light) | {"softness": shadows.softness, "from": source}

@@ -114,7 +114,7 @@ def perceive(
         "shadow", background, coverage, found.labels, objects, matter, boundaries, light
     )
     clean = shadows.clean
-    if clean is not None:
+    if clean is not None and not shadows.faint:
         clean = refill_background(clean, background, coverage, partial(run.crew.call, "inpaint"))
     run.crew.release("inpaint")
     percepts = Percepts(

@@ -161,6 +161,8 @@ class Shadows:
     """px from the objects back to an upright wall that shadows fall on."""
     confidence: float
     reason: str
+    faint: bool = False
+    """Whether so little was removed that `clean` needs no refill behind objects."""
 
 
 @dataclass(frozen=True)

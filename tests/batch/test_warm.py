@@ -100,21 +100,6 @@ def test_a_light_does_not_simulate_and_a_force_does_not_cut_out(pictured: Path, 
     assert ran == {"percepts": 1, "stage": 2, "simulate": 5}
 
 
-def test_a_light_does_not_simulate_in_another_process_either(
-    pictured: Path, ran: Counter[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(stages, "WORTH", 0.0)
-    first = clip(pictured, (), Stages(), cached=True)
-    other = clip(pictured, ("light.intensity=0.2",), Stages(), cached=True)
-    assert ran["simulate"] == 1
-    assert other["samples"] == first["samples"]
-    assert other["frames"] != first["frames"]
-    clip(pictured, ("light.intensity=0.2",), Stages(), cached=False)
-    assert ran["simulate"] == 2
-    clip(pictured, ("objects.ball.mass=5",), Stages(), cached=True)
-    assert ran["simulate"] == 3
-
-
 def test_files_that_are_written_are_read_again(pictured: Path, ran: Counter[str]) -> None:
     at_hand = Stages()
     before = clip(pictured, (), at_hand)

@@ -100,6 +100,37 @@ def test_a_block_shadow_on_the_floor_is_lifted(side) -> None:
     assert after[free & (shade < 0.003)].mean() < 0.2, "and nothing else"
 
 
+def test_a_wall_behind_takes_what_the_floor_does_not() -> None:
+    """The floor's shadow ends at the wall's foot, 60 px back; above it stands the block's, moved and drawn out."""
+    back, ax, az = 60.0, 0.9, -1.1
+    foot = int(FLOOR - TILT * back)
+    shade = np.zeros((HEIGHT, WIDTH), np.float32)
+    picture = room()
+    picture[foot:200] = picture[200:201]
+    picture[200 : foot + 1] = picture[199:200]
+    for x0, x1, top in BLOCKS:
+        floor = cast(x0 - 0.5, x1 + 0.5, 240.5 - top, 40, ax, az)
+        floor[:foot] = 0
+        moves = [(ax / -az * d, d / -az - TILT * back) for d in (back - 20, back + 20)]
+        corners = [(x, y) for x in (x0 - 0.5, x1 + 0.5) for y in (top - 20.5, 240.5)]
+        wall = drawn([(x + dx, y + dy) for x, y in corners for dx, dy in moves])
+        wall[foot:] = 0
+        np.maximum(shade, np.maximum(floor, wall), out=shade)
+    shade = 0.5 * cv2.GaussianBlur(shade, (0, 0), 1.2)
+    blocks = [(x0, x1, top - 20) for x0, x1, top in BLOCKS]
+    background, labels, things = photo(shade, blocks, picture)
+    found = lift(background, labels, things)
+    assert found.clean is not None
+    assert found.backdrop == pytest.approx(back, rel=0.5)
+    free = cv2.dilate((labels > 0).astype(np.uint8), np.ones((7, 7), np.uint8)) == 0
+    dark = free & (shade > 0.2)
+    before, after = (
+        np.abs(p.astype(int) - srgb(picture)).max(-1)[dark].mean() for p in (background, found.clean)
+    )
+    assert before > 30
+    assert after < 0.3 * before
+
+
 def test_a_hole_in_a_shadow_is_filled_in_the_light() -> None:
     """The tall block's shadow goes on behind the other one, where nobody saw it."""
     blocks = [(120, 149, 110), (230, 254, 195)]
@@ -158,41 +189,3 @@ def test_balls_before_a_wall_leave_no_shadows_on_it() -> None:
     )
     assert before > 30
     assert after < 6
-
-
-Y, X = np.mgrid[:120, :200]
-GROUND = np.clip(
-    np.where((Y < 60)[..., None], [150, 120, 90], [200, 180, 160])
-    + np.random.default_rng(0).normal(0, 3, (120, 200, 1)),
-    0,
-    255,
-).astype(np.uint8)
-LEFT, RIGHT = np.hypot(X - 50, Y - 70) < 14, np.hypot(X - 150, Y - 70) < 14
-SHADOW = (np.hypot((X - 172) / 2, Y - 84) < 6) & ~RIGHT
-
-
-def never(*_: object) -> None:
-    raise AssertionError("nothing is to be filled")
-
-
-def test_where_nothing_was_lifted_the_first_fill_stays() -> None:
-    inpaint = registry.make("inpaint")
-    coverage = LEFT.astype(np.float32)
-    photo = np.where(LEFT[..., None], np.uint8(20), GROUND)
-    background = inpaint(photo, LEFT)
-    assert np.array_equal(refill_background(background, background, coverage, never), background)  # type: ignore[arg-type]
-
-
-def test_only_the_fill_near_a_lifted_shadow_changes() -> None:
-    """Two balls, one with a shadow: behind the other nothing changes, and behind this one no shadow is left."""
-    inpaint = registry.make("inpaint")
-    both = LEFT | RIGHT
-    coverage = both.astype(np.float32)
-    dark = np.where(SHADOW[..., None], GROUND // 3, GROUND)
-    background = inpaint(np.where(both[..., None], np.uint8(20), dark), both)
-    lifted = np.where(SHADOW[..., None], GROUND, background)
-    clean = refill_background(lifted, background, coverage, inpaint)
-    assert np.array_equal(clean[LEFT], background[LEFT])
-    before, after = (abs(p[RIGHT].astype(float) - GROUND[RIGHT]).mean() for p in (background, clean))
-    assert after <= before
-    assert after < 8

@@ -1,43 +1,50 @@
 """Backend shadow=geometry: shadows removed and the light that casts them.
 
 A light is searched whose shadows, by the simple geometry of `physgen.geometry.shadows`, lie where the photo is darker
-than surfaces of its kind nearby, on a floor seen from the side or a table seen from above. They are removed as far as
-the photo is dark there.
+than its surroundings of like colour; they are removed as far as the photo is dark there. So it is on a table seen from
+above; photos from the side go another way, `physgen.perceive.shadow.side_view`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from math import atan, degrees, inf
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from math import cos, inf, pi, sin
 
+import cv2
 import numpy as np
 
-from physgen.geometry.shadows import Silhouette, shadow_darkness
+from physgen.geometry.shadows import ShadowSetting, Silhouette, blurred, shadow_darkness
 from physgen.perceive.roles import (
     F32,
     BoundaryGuess,
     Labels,
     LightGuess,
+    Mask,
     Matter,
     PhotoObject,
     Rgb,
     Shadow,
     Shadows,
 )
-from physgen.perceive.shadow.shadow_assignment import shadow_owners
-from physgen.perceive.shadow.shadow_fit import fit_light, matched_light
-from physgen.perceive.shadow.shadow_removal import edge_ratio, remove_shadows
+from physgen.perceive.shadow.ambient_shade import AmbientShade, extend_behind_objects, find_ambient_shade
+from physgen.perceive.shadow.shadow_assignment import shadow_owners, shadow_owners_by_model
+from physgen.perceive.shadow.shadow_fit import FULL, deviation_penalty, with_direct_share, with_direction
+from physgen.perceive.shadow.shadow_removal import HUES, hue_weights, mean_of_kind
+from physgen.perceive.shadow.side_view import side_view_shadows
 from physgen.perceive.shadow.silhouettes import (
-    join_silhouettes,
-    lowest_floor,
+    DARKEST,
+    away_from_objects,
     object_silhouettes,
     predicted_darkness,
     typical_size,
 )
+from physgen.photometry import DistantLight, decode, encode_u8, luminance
 from physgen.scene.scene import View
 
-CALM = 0.9
-"""Share of the slopes of light that removal may leave: a shadow's edges go with it."""
+COARSE = 176  # px: longer side of the picture in which the light is searched
+SURE = 0.5  # correlation of predicted and seen darkness from which shadows are believed
 
 
 def geometry() -> Shadow:
@@ -54,30 +61,180 @@ def _geometry(
     boundaries: BoundaryGuess,
     light: LightGuess,
 ) -> Shadows:
-    top = boundaries.view is View.TOP
+    if boundaries.view is View.SIDE:
+        return side_view_shadows(background, coverage, labels, objects, matter, boundaries, light)
+    at = partial(object_silhouettes, labels, objects, matter, boundaries)
     nothing = Shadows(None, None, light.light, 4.0, 4.0, None, 0.0, "no shadow of the objects is seen")
-
-    def at(scale: float, floor: float | None) -> list[Silhouette]:
-        return object_silhouettes(labels, objects, matter, boundaries, scale, floor)
-
-    floors = [None] if top else list(dict.fromkeys([None, lowest_floor(boundaries), inf]))
-    fit = fit_light(background, coverage, at, floors, light, top=top)
-    if fit is None:
+    scale = max(max(background.shape[:2]) / COARSE, 1.0)
+    silhouettes = at(scale)
+    if not silhouettes:
         return nothing
-    silhouettes = at(1.0, fit.floor)
-    dark = np.float32(fit.factor) * predicted_darkness(join_silhouettes(silhouettes), fit.setting)
-    clean = remove_shadows(background, coverage, dark, typical_size(silhouettes), top=top)
-    if edge_ratio(background, clean, coverage) > CALM:
-        return nothing
+    setting, score, factor = _search(_coarse_picture(background, coverage, silhouettes, scale), light)
+    if score < SURE or factor < 0.15:
+        shade = find_ambient_shade(background, coverage, at, from_above=True)
+        if shade is None:
+            return nothing
+        return _remove_ambient(background, coverage, shade, at(1.0), light.light)
+    setting = replace(_matched(setting, factor), size=(labels.shape[1], labels.shape[0]))
+    silhouettes = at(1.0)
+    dark = _seen_darkness(background, coverage, silhouettes, setting)
+    clean = encode_u8(decode(background) * np.exp(dark)[..., None])
     casts = [
-        (what.id, found[0], np.float32(fit.factor) * found[1])
-        for what in silhouettes
-        if (found := shadow_darkness(what, fit.setting)) is not None
+        (what.id, *found) for what in silhouettes if (found := shadow_darkness(what, setting)) is not None
     ]
     owners = shadow_owners(background, clean, coverage, casts)
-    tilt = 4.0 if top else round(degrees(atan(fit.setting.tilt)), 1)
-    back = None if fit.setting.backdrop == inf else round(fit.setting.backdrop, 1)
-    reason = f"where the objects' shadows lie (correlation {fit.likeness:.2f})"
-    sure = round(min(0.9, fit.likeness), 2)
-    softness = round(fit.setting.softness, 1)
-    return Shadows(clean, owners, matched_light(fit), softness, tilt, back, sure, reason)
+    reason = f"where the objects' shadows lie (correlation {score:.2f})"
+    sure = round(min(0.9, score), 2)
+    return Shadows(clean, owners, setting.light, round(setting.softness, 1), 4.0, None, sure, reason)
+
+
+def _remove_ambient(
+    background: Rgb,
+    coverage: F32,
+    shade: AmbientShade,
+    silhouettes: Sequence[Silhouette],
+    light: DistantLight,
+) -> Shadows:
+    """The shade of soft light about rims is too faint, and too near, to be seen but on the whole."""
+    found = [
+        (what.id, *cast) for what in silhouettes if (cast := shadow_darkness(what, shade.setting)) is not None
+    ]
+    casts = [(i, box, np.asarray(shade.factor * dark, np.float32)) for i, box, dark in found]
+    dark = np.zeros(coverage.shape, np.float32)
+    for _, (x0, y0, x1, y1), values in casts:
+        dark[y0:y1, x0:x1] += values
+    clean = encode_u8(decode(background) * np.exp(extend_behind_objects(dark, coverage))[..., None])
+    owners = shadow_owners_by_model(coverage, casts, dark)
+    soft = shade.setting.softness
+    return Shadows(clean, owners, light, soft, 4.0, None, shade.confidence, shade.reason, faint=True)
+
+
+@dataclass(frozen=True)
+class _Picture:
+    """The photo at a coarse scale."""
+
+    dark: F32
+    """(h, w): by how much the logarithm of light stays below that of the surroundings."""
+    weight: F32
+    """(h, w)."""
+    silhouettes: Sequence[Silhouette]
+    size: float
+    """px of a typical object."""
+
+    def score(self, setting: ShadowSetting) -> tuple[float, float]:
+        """Correlation of predicted and seen darkness, and the factor from one to the other."""
+        model = np.minimum(predicted_darkness(self.silhouettes, setting), 2.5)
+        side = 2 * round(0.7 * self.size) + 1
+        w = self.weight * cv2.dilate((model > 0.04).astype(np.uint8), np.ones((side, side), np.uint8))
+        count = max(float(w.sum()), 1.0)
+        model = model - float((w * model).sum()) / count
+        dark = self.dark - float((w * self.dark).sum()) / count
+        both, square = float((w * model * dark).sum()), float((w * model * model).sum())
+        seen = float((w * dark * dark).sum())
+        return both / max((square * seen) ** 0.5, 1e-9), both / max(square, 1e-9)
+
+
+def _coarse_picture(
+    background: Rgb, coverage: F32, silhouettes: Sequence[Silhouette], scale: float
+) -> _Picture:
+    h, w = (max(1, round(n / scale)) for n in background.shape[:2])
+    light = np.log(luminance(decode(background)) + DARKEST)
+    open_ = away_from_objects(coverage).astype(np.float32)
+    known = np.asarray(cv2.resize(open_, (w, h), interpolation=cv2.INTER_AREA), np.float32)
+    small = np.asarray(cv2.resize(light * open_, (w, h), interpolation=cv2.INTER_AREA), np.float32)
+    small = np.where(known > 0.05, small / np.maximum(known, 0.05), 0).astype(np.float32)
+    size = typical_size(silhouettes)
+    sigma = 1.2 * size
+    sums = cv2.GaussianBlur(small * known, (0, 0), sigma)
+    around = np.asarray(sums / np.maximum(cv2.GaussianBlur(known, (0, 0), sigma), 1e-3), np.float32)
+    dark = np.clip(around - small, -0.3, 1.2)
+    weight = known * (known > 0.5)
+    return _Picture(np.asarray(dark, np.float32), np.asarray(weight, np.float32), silhouettes, size)
+
+
+def _search(picture: _Picture, light: LightGuess) -> tuple[ShadowSetting, float, float]:
+    """The best light, its correlation and factor: coordinate steps from several directions."""
+    h, w = picture.dark.shape
+    start = ShadowSetting(light.light, 4.0, True, 0.1, inf, (w, h))
+
+    def allowed(setting: ShadowSetting) -> bool:
+        return deviation_penalty(setting.light, light) < inf
+
+    found: tuple[ShadowSetting, float, float] = (start, *picture.score(start))
+    tries = [(picture.score(one)[0], k, one) for k, one in enumerate(_starts(start)) if allowed(one)]
+    for _, _, setting in sorted(tries, key=lambda t: (-t[0], t[1]))[:2]:
+        now = (setting, *picture.score(setting))
+        for _ in range(2):
+            for other in _steps(now[0]):
+                if allowed(other):
+                    score, factor = picture.score(other)
+                    if score > now[1]:
+                        now = (other, score, factor)
+        if now[1] > found[1]:
+            found = now
+    return found
+
+
+def _starts(setting: ShadowSetting) -> Iterator[ShadowSetting]:
+    yield setting
+    for k in range(12):
+        turn = 2 * pi * k / 12
+        for height in (0.9, 0.75, 0.5):
+            flat = (1 - height**2) ** 0.5
+            yield with_direction(setting, (flat * cos(turn), flat * sin(turn), height))
+
+
+def _steps(setting: ShadowSetting) -> Iterator[ShadowSetting]:
+    """Neighbours of a setting, one number changed."""
+    x, y, z = setting.light.direction
+    for dx, dy, dz in ((0.15, 0, 0), (0, 0.15, 0), (0, 0, 0.15)):
+        for sign in (1, -1, 0.4, -0.4):
+            new = np.array([x + sign * dx, y + sign * dy, z + sign * dz])
+            if new[2] > 0.1:
+                yield with_direction(setting, tuple(new / np.linalg.norm(new)))
+    for soft in (0.5, 2.0, 5.0, 10.0, 18.0, 28.0):
+        yield replace(setting, softness=soft)
+    for share in (0.15, 0.35, 0.6, 0.85):
+        yield with_direct_share(setting, share)
+
+
+def _matched(setting: ShadowSetting, factor: float) -> ShadowSetting:
+    """The share of direct light made such that the predicted shadows are as dark as the seen ones."""
+    x, y, z = setting.light.direction
+    share = min(setting.direct((0.0, 0.0, 1.0)) * min(max(factor, 0.3), 1.6), 0.97)
+    ambient = max(setting.light.ambient, 0.05)
+    intensity = min(share / (1 - share) * ambient / max(z, 0.05), 100.0 * ambient)
+    total = (intensity + ambient) / FULL
+    return replace(setting, light=DistantLight((x, y, z), intensity / total, ambient / total))
+
+
+def _seen_darkness(
+    background: Rgb, coverage: F32, silhouettes: Sequence[Silhouette], setting: ShadowSetting
+) -> F32:
+    """(H, W) -log of the light that the photo misses, within reach of what geometry predicts."""
+    model = predicted_darkness(silhouettes, setting)
+    size = typical_size(silhouettes)
+    side = 2 * max(1, round(0.2 * size)) + 1
+    wide = cv2.dilate(model, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)))
+    reach = blurred(np.asarray(wide, np.float32), max(2.0, 0.15 * size))
+    linear = decode(background)
+    light = np.log(luminance(linear) + DARKEST)
+    smooth = np.asarray(cv2.medianBlur(light, 5), np.float32)
+    reference = _reference(linear, smooth, (reach <= 0.03) & away_from_objects(coverage), size)
+    most = 1.7 * np.maximum(model, reach) + 0.2
+    dark = np.clip(reference - smooth, 0, most) * np.clip(reach / 0.08, 0, 1)
+    return np.asarray(dark, np.float32)
+
+
+def _reference(linear: F32, light: F32, known: Mask, size: float) -> F32:
+    """(H, W): the light of like-coloured surfaces nearby, from where it is `known`."""
+    if np.count_nonzero(known) < HUES:
+        return light
+    reaches = [(part * size, part * size, gain) for part, gain in ((0.4, 1.0), (1.0, 0.05), (3, 0.002))]
+    kinds = hue_weights(linear, known, 8000)
+
+    def blur(picture: F32, across: float, down: float) -> F32:
+        return blurred(picture, across)
+
+    plain = known.astype(np.float32)
+    return mean_of_kind(light, plain, kinds, reaches, tiny=1e-9, prior=(1e-6, 1e-6), blur=blur)

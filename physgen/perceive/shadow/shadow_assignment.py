@@ -7,7 +7,6 @@ predicts no shadow, the place goes to the owner of the nearest that it predicts.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -17,19 +16,11 @@ from physgen.perceive.roles import F32, Labels, Mask, Rgb
 from physgen.perceive.shadow.silhouettes import DARKEST, away_from_objects
 from physgen.photometry import decode, luminance
 
-
-@dataclass(frozen=True)
-class _Limits:
-    """Which pixels belong to a shadow."""
-
-    faint: float = 0.08  # -log of light, smoothed: less is no visible shadow
-    predicted: float = 0.02  # -log of light from which geometry predicts a shadow
-    share: float = 0.3  # weight of geometry: the photo alone leaves the soft ends of shadows to its grain
-    smooth: float = 2.0  # px: standard deviation of the blur; finer detail is grain
-    speck: int = 16  # px: a smaller patch is none
-
-
-LIMITS = _Limits()
+FAINT = 0.08  # -log of light, smoothed: less is no visible shadow
+PREDICTED = 0.02  # -log of light from which geometry predicts a shadow
+SHARE = 0.3  # weight of geometry: the photo alone leaves the soft ends of shadows to its grain
+SMOOTH = 2.0  # px: standard deviation of the blur; finer detail is grain
+SPECK = 16  # px: a smaller patch is none
 
 
 def shadow_owners(
@@ -40,10 +31,16 @@ def shadow_owners(
     `casts`: of each object its id and -log of the light that it leaves in a box of the photo.
     """
     owner, most = _strongest(casts, coverage.shape)
-    dark = (1 - LIMITS.share) * removed_light(
-        background, clean, coverage
-    ) + LIMITS.share * most > LIMITS.faint
+    dark = (1 - SHARE) * removed_light(background, clean, coverage) + SHARE * most > FAINT
     return assign_regions(dark & (coverage < 0.5), owner)
+
+
+def shadow_owners_by_model(
+    coverage: F32, casts: Iterable[tuple[int, PixelBox, F32]], dark: F32
+) -> Labels | None:
+    """The same where `dark` (H, W), -log of light, is known, and the photo too coarse to say more."""
+    owner, _ = _strongest(casts, coverage.shape)
+    return assign_regions((dark > FAINT) & (coverage < 0.5), owner)
 
 
 def _strongest(casts: Iterable[tuple[int, PixelBox, F32]], shape: tuple[int, ...]) -> tuple[Labels, F32]:
@@ -51,7 +48,7 @@ def _strongest(casts: Iterable[tuple[int, PixelBox, F32]], shape: tuple[int, ...
     owner, most = np.zeros(shape, np.uint16), np.zeros(shape, np.float32)
     for number, (x0, y0, x1, y1), values in casts:
         part = np.s_[y0:y1, x0:x1]
-        more = values > np.maximum(most[part], LIMITS.predicted)
+        more = values > np.maximum(most[part], PREDICTED)
         owner[part][more] = number
         most[part][more] = values[more]
     return owner, most
@@ -64,9 +61,9 @@ def removed_light(background: Rgb, clean: Rgb, coverage: F32) -> F32:
     """
     logs = [np.log(luminance(decode(picture)) + DARKEST) for picture in (clean, background)]
     free = away_from_objects(coverage).astype(np.float32)
-    near = np.maximum(cv2.GaussianBlur(free, (0, 0), LIMITS.smooth), 1e-2)
+    near = np.maximum(cv2.GaussianBlur(free, (0, 0), SMOOTH), 1e-2)
     removed, level = (
-        cv2.GaussianBlur(part.astype(np.float32) * free, (0, 0), LIMITS.smooth) / near
+        cv2.GaussianBlur(part.astype(np.float32) * free, (0, 0), SMOOTH) / near
         for part in (logs[0] - logs[1], logs[0])
     )
     contact = np.where((free == 0) & (near > 0.05), level - cv2.GaussianBlur(logs[1], (0, 0), 0.7), 0)
@@ -79,7 +76,7 @@ def assign_regions(dark: Mask, owner: Labels) -> Labels | None:
         return None
     count, names, stats, _ = cv2.connectedComponentsWithStats(dark.astype(np.uint8), connectivity=8)
     owned = np.bincount(names[owner > 0], minlength=count) > 0  # a patch that no object predicts is no shadow
-    kept = owned & (stats[:, cv2.CC_STAT_AREA] >= LIMITS.speck)
+    kept = owned & (stats[:, cv2.CC_STAT_AREA] >= SPECK)
     kept[0] = False
     there = kept[names]
     if not there.any():

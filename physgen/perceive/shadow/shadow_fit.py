@@ -1,24 +1,26 @@
-"""Fit of a distant light to the shadows that objects cast on a floor or a table.
+"""Fit of a distant light to the shadows in a side view, on the floor and on a wall.
 
 Slopes of the logarithm of light are compared, at two widths, with those of the predicted darkness, near these alone:
-a far edge of the floor or a picture on a wall has slopes too, but elsewhere. The light is searched from directions all
-over the sky on a small picture, by the largest objects, and refined on a larger one.
+a far edge of the floor or a picture on the wall has slopes too, but elsewhere. On an upright wall behind, one distant
+light moves every shadow alike; in perspective, farther off, the whole is a little smaller.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from math import acos, asin, atan2, cos, degrees, inf, pi, sin
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from physgen.geometry.shadows import ShadowSetting, Silhouette
 from physgen.perceive.roles import F32, LightGuess, Rgb
 from physgen.perceive.shadow.silhouettes import (
     DARKEST,
+    Shift,
     away_from_objects,
     join_silhouettes,
     predicted_darkness,
@@ -26,42 +28,41 @@ from physgen.perceive.shadow.silhouettes import (
 )
 from physgen.photometry import DistantLight, decode, luminance
 
+COARSE, FINE = 192, 384
+"""px: longer side of the pictures in which the light is searched, first and then."""
+TILT = 0.1
+"""Rise over run of the floor where it is unknown."""
+BY_A_WALL = 0.7
+"""Correlation of slopes that shadows on a wall behind need."""
+TRUSTED = 0.3
+"""Confidence of a light from shading from which it counts."""
+FULL = 1.2
+"""Shading of a surface that faces the light: there it shows its own colour."""
+
 
 @dataclass(frozen=True)
 class _Tuning:
     """Tuning of the search, on studio photos of the split `tune`; sizes are shares of an object's."""
 
-    coarse: int = 192  # px: longer side of the picture in which the light is searched ...
-    fine: int = 384  # ... and of the one in which it is refined
-    starts: int = 3  # directions from which the search goes on; the best
-    coarse_steps: tuple[float, ...] = (0.3, 0.15, 0.15, 0.06)  # radians, and shares of other numbers
-    fine_steps: tuple[float, ...] = (0.12, 0.06, 0.06, 0.03, 0.015)
     widths: tuple[float, ...] = (0.03, 0.08)  # over which slopes are smoothed
     least_seen: float = 0.1  # share of the predicted slopes that must be in sight
-    telling: int = 3  # objects that the light is searched by; the largest
-    walls: tuple[float, ...] = (
-        0.5,
-        0.8,
-        1.2,
-        1.8,
-        2.7,
-        4.0,
-        6.0,
-        9.0,
-    )  # distances back to a wall that are tried
-    tilt: float = 0.1  # rise over run of the floor where it is unknown
-    full: float = 1.2  # shading of a surface that faces the light: there it shows its own colour
-    trusted: float = 0.3  # confidence of a light from shading from which it counts
-    well: float = 0.5  # and from which it counts most
+    well: float = 0.5  # confidence of a light from shading from which it counts most
     # degrees, standard deviation of such lights: trusted, trusted well
     deviation: tuple[float, float] = (20.0, 7.0)
     # degrees, and standard deviations: no light is tried farther from it
     beyond: tuple[float, float] = (40.0, 2.5)
     pull: float = 0.02  # correlation that one standard deviation from it must gain
-    alike: float = 0.5  # correlation of slopes that shadows need ...
-    sure: float = 0.75  # ... and with `deep` for each unit of depth (-log of light), up to one
-    deep: float = 0.3
-    faintest: float = 0.15  # depth of the faintest shadows
+    telling: int = 3  # objects, or groups of them, that the light is searched by at first; the largest
+    half_seen: float = 0.3  # correlation with a wall before the light has been searched with it
+    wall_gain: float = 1.2  # a wall must explain so much more above its foot than a floor that goes on
+    wall_range: tuple[float, float] = (0.3, 8.0)  # distances behind the objects at which a wall is tried
+    astray: float = 0.15  # of its height: how far aside the shadow of an object in the air may lie
+    moved: float = 0.05  # correlation that it must gain by that
+    wall_sizes: tuple[float, ...] = (1.0, 0.94, 0.88, 0.82)  # of shadows on a wall, in perspective
+    farthest: float = 5.0  # from an object to its shadow on a wall
+    in_sight: float = 0.5  # share of all outlines that must lie in the photo, and free
+    # percentile of the photo's slopes: steeper ones are edges of objects, and cut to this
+    steepest: float = 97
 
 
 TUNING = _Tuning()
@@ -80,26 +81,50 @@ class LightGradients:
     slopes: Sequence[tuple[float, F32, F32, F32]]
     """Width of smoothing, px; (h, w) share known within it; (h, w) slopes of the logarithm of light, x and y."""
     silhouettes: Sequence[Silhouette]
+    joined: Sequence[Silhouette]
+    """The same, those that stand side by side as one."""
+
+    @cached_property
+    def within(self) -> F32:
+        """(h, w) `known`, a pixel less on all sides."""
+        return np.asarray(cv2.erode(self.known, np.ones((3, 3), np.uint8)), np.float32)
 
     @property
     def telling(self) -> list[Silhouette]:
-        """The largest silhouettes; the small ones would take as long and add little."""
-        return sorted(self.silhouettes, key=lambda what: -what.area)[: TUNING.telling]
+        """The largest of `joined`; the small ones would take as long and add little."""
+        areas = [what.area for what in self.joined]
+        return [self.joined[k] for k in np.argsort(areas)[::-1][: TUNING.telling]]
 
-    def agreement(self, model: F32) -> tuple[float, float]:
+    def agreement(self, model: F32, above: float = inf) -> tuple[float, float]:
         """Correlation of seen slopes and those of a darkness (h, w), and the factor; means over the widths.
 
-        0 and 0 where hardly any of it is in sight.
+        By the rows `above` a row alone, px.
+        """
+        sums = self._sums(model, above)
+        alike = [both / max((own * seen) ** 0.5, 1e-9) for both, own, seen in sums]
+        factors = [both / max(own, 1e-9) for both, own, _ in sums]
+        return (sum(alike) / len(sums), sum(factors) / len(sums)) if sums else (0.0, 0.0)
+
+    def explained(self, model: F32, above: float) -> float:
+        """Squares of the seen slopes that a darkness explains at its best strength, of one sign."""
+        return sum(max(both, 0.0) ** 2 / max(own, 1e-9) for both, own, _ in self._sums(model, above))
+
+    def _sums(self, model: F32, above: float) -> list[tuple[float, float, float]]:
+        """Of each width: products of predicted and seen slopes, squares of either, near what is predicted.
+
+        Empty where hardly any of it is in sight.
         """
         rows, columns = np.flatnonzero(model.max(axis=1) > 0.02), np.flatnonzero(model.max(axis=0) > 0.02)
         if len(rows) < 2 or len(columns) < 2:
-            return 0.0, 0.0
+            return []
         pad = int(3 * self.slopes[-1][0]) + 4
         top, left = max(int(rows[0]) - pad, 0), max(int(columns[0]) - pad, 0)
         part = np.s_[top : int(rows[-1]) + pad + 1, left : int(columns[-1]) + pad + 1]
         model, known = np.minimum(model[part], 2.5), self.known[part]
-        within = cv2.erode(known, np.ones((3, 3), np.uint8))
-        alike, factors = [], []
+        within = self.within[part].copy()
+        end = max(int(min(above, len(self.known))) - top, 0)
+        within[end:] = 0
+        found = []
         for width, near, right, down in self.slopes:
             soft = cv2.GaussianBlur(model * known, (0, 0), width) / np.maximum(near[part], 0.05)
             dy, dx = np.gradient(soft)
@@ -107,19 +132,17 @@ class LightGradients:
             edges = energy > 0.01 * float((energy * within).max())
             weight = within * cv2.dilate(edges.astype(np.uint8), np.ones((9, 9), np.uint8))
             own = float((weight * energy).sum())
-            if own <= TUNING.least_seen * float(energy.sum()):
-                return 0.0, 0.0
+            if own <= TUNING.least_seen * float(energy[:end].sum()):
+                return []
             both = -float((weight * (dx * right[part] + dy * down[part])).sum())
-            seen = float((weight * (right[part] ** 2 + down[part] ** 2)).sum())
-            alike.append(both / max((own * seen) ** 0.5, 1e-9))
-            factors.append(both / max(own, 1e-9))
-        return sum(alike) / len(alike), sum(factors) / len(factors)
+            found.append((both, own, float((weight * (right[part] ** 2 + down[part] ** 2)).sum())))
+        return found
 
 
 def light_gradients(
     background: Rgb, coverage: F32, longest: int, at: Callable[[float], Sequence[Silhouette]]
 ) -> LightGradients | None:
-    """The photo with a longer side of `longest` px; `at` gives the silhouettes at a scale. None where none are."""
+    """The photo at a scale; `at` gives the silhouettes at it. None where there are none."""
     scale = max(max(background.shape[:2]) / longest, 1.0)
     silhouettes = at(scale)
     if not silhouettes:
@@ -137,101 +160,82 @@ def light_gradients(
         near = np.asarray(cv2.GaussianBlur(known, (0, 0), width), np.float32)
         down, right = np.gradient(cv2.GaussianBlur(small * known, (0, 0), width) / np.maximum(near, 0.05))
         slopes.append((width, near, np.asarray(right, np.float32), np.asarray(down, np.float32)))
-    return LightGradients(scale, (w, h), known, slopes, join_silhouettes(silhouettes))
+    return LightGradients(scale, (w, h), known, slopes, silhouettes, join_silhouettes(silhouettes))
 
 
 @dataclass(frozen=True)
 class LightFit:
-    """A light and how well its shadows agree with the photo's."""
+    """A light and the surfaces that its shadows fall on, in px of the photo."""
 
     setting: ShadowSetting
     likeness: float
     """Correlation of predicted and seen slopes."""
     factor: float
     """Seen over predicted darkness, as a logarithm."""
-    floor: float | None = None
-    """The row, px, of the floor under all objects; None: each stands over the boundary below it."""
+    each: float = 1.0
+    """The same where the shadows of objects side by side are added up."""
+    shifts: tuple[Shift, ...] = ()
+    """px, of each of `joined`: by how much its shadow lies elsewhere."""
+    moved: Mapping[int, Shift] = field(default_factory=dict)
+    """The same by the object's id, px of the photo."""
 
 
-def fit_light(
-    background: Rgb,
-    coverage: F32,
-    at: Callable[..., Sequence[Silhouette]],
-    floors: Sequence[float | None],
-    guess: LightGuess,
-    *,
-    top: bool,
-) -> LightFit | None:
-    """The light whose shadows are seen, in px of the photo; None where none are.
+def search_light(
+    gradients: Sequence[LightGradients], guess: LightGuess, walls: Sequence[float] = (inf,)
+) -> tuple[int, LightFit]:
+    """The index of the best of `gradients`, and the light in its px: coordinate steps from several directions.
 
-    `at(scale, floor=row)` gives the silhouettes at a scale and over a floor, one of `floors`, that is tried.
+    `gradients`: of one size, with floors in different places. `walls`: px back to an upright one, to start from.
     """
-    tries: list[tuple[float | None, float, LightFit]] = []
-    for row in floors:
-        picture = light_gradients(background, coverage, TUNING.coarse, partial(at, floor=row))
-        if picture is None:
-            return None
-        tries.append((row, picture.scale, _search(picture, guess, top=top, on_wall=row == inf)))
-    floor, scale, fit = max(tries, key=lambda one: one[2].likeness)
-    fine = light_gradients(background, coverage, TUNING.fine, partial(at, floor=floor))
-    assert fine is not None
-    start = _rescaled(fit.setting, scale / fine.scale, fine.size)
-    fit = _climb(fine, _rated(fine, start, guess), TUNING.fine_steps, guess)
-    model = predicted_darkness(fine.silhouettes, fit.setting)
-    likeness, factor = fine.agreement(model)
-    seen = (model * fine.known)[model * fine.known > 0.02]
-    depth = factor * float(np.percentile(seen, 95)) if seen.size else 0.0
-    sure = likeness + TUNING.deep * min(depth, 1.0) > TUNING.sure
-    if depth < TUNING.faintest or likeness < TUNING.alike or not sure:
-        return None
-    setting = _rescaled(fit.setting, fine.scale, (coverage.shape[1], coverage.shape[0]))
-    return LightFit(setting, likeness, factor, floor)
+    first = ShadowSetting(guess.light, 4.0, False, TILT, inf, gradients[0].size)
+    telling = [one.telling for one in gradients]
 
+    def rated(k: int, setting: ShadowSetting) -> LightFit:
+        return _rated(gradients[k], telling[k], setting, guess)
 
-def _rescaled(setting: ShadowSetting, by: float, size: tuple[int, int]) -> ShadowSetting:
-    """The same in px of a picture so many times as large."""
-    return replace(setting, backdrop=setting.backdrop * by, size=size)
-
-
-def _search(picture: LightGradients, guess: LightGuess, *, top: bool, on_wall: bool) -> LightFit:
-    """The best light: coordinate steps from the best of several directions."""
-    first = ShadowSetting(guess.light, 4.0, top, TUNING.tilt, inf, picture.size)
-    size = typical_size(picture.silhouettes)
-    tries = [
-        replace(one, backdrop=back * size)
-        for one in _starts(first)
-        for back in (TUNING.walls if on_wall else (inf,))
-        if back == inf or one.light.direction[2] > 0.3
+    starts = [
+        (k, rated(k, replace(setting, backdrop=wall)))
+        for k in range(len(gradients))
+        for wall in walls
+        for setting in _starts(first, guess)
+        if wall == inf or setting.light.direction[2] > 0.3
     ]
-    starts = sorted((_rated(picture, one, guess) for one in tries), key=lambda fit: -fit.likeness)
-    climbed = (_climb(picture, fit, TUNING.coarse_steps, guess) for fit in starts[: TUNING.starts])
-    return max(climbed, key=lambda fit: fit.likeness)
+    starts.sort(key=lambda start: -start[1].likeness)
+
+    def climbed(k: int, fit: LightFit) -> LightFit:
+        return _climbed(fit, _coarse_steps(fit.setting), lambda setting: rated(k, setting))
+
+    k, best = max(((k, climbed(k, fit)) for k, fit in starts[:3]), key=lambda end: end[1].likeness)
+    for _ in range(2):
+        before, best = best, climbed(k, best)
+        if best.likeness < before.likeness + 0.005:
+            break
+    return k, best
 
 
-def _climb(picture: LightGradients, fit: LightFit, steps: Sequence[float], guess: LightGuess) -> LightFit:
-    """One number changed at a time, by smaller and smaller steps."""
-    for step in steps:
-        for setting in list(_neighbours(fit.setting, step)):
-            other = _rated(picture, setting, guess)
-            if other.likeness > fit.likeness and other.factor > 0:
-                fit = other
+def _rated(
+    gradients: LightGradients, silhouettes: Sequence[Silhouette], setting: ShadowSetting, guess: LightGuess
+) -> LightFit:
+    if (penalty := deviation_penalty(setting.light, guess)) == inf:
+        return LightFit(setting, -inf, 0.0)
+    likeness, factor = gradients.agreement(predicted_darkness(silhouettes, setting))
+    return LightFit(setting, likeness - (_oddness(setting, factor) + penalty), factor)
+
+
+def _climbed(
+    fit: LightFit, settings: Iterator[ShadowSetting], rated: Callable[[ShadowSetting], LightFit]
+) -> LightFit:
+    for setting in settings:
+        if (other := rated(setting)).likeness > fit.likeness and other.factor > 0:
+            fit = other
     return fit
 
 
-def _rated(picture: LightGradients, setting: ShadowSetting, guess: LightGuess) -> LightFit:
-    """A light by the largest objects; what is unusual must agree better."""
-    penalty = _distance_penalty(setting.light, guess)
-    if penalty == inf:
-        return LightFit(setting, -inf, 0.0)
-    likeness, factor = picture.agreement(predicted_darkness(picture.telling, setting))
-    return LightFit(setting, likeness - penalty - _oddness(setting, factor), factor)
-
-
-def _distance_penalty(light: DistantLight, guess: LightGuess) -> float:
+def deviation_penalty(light: DistantLight, guess: LightGuess) -> float:
     """Correlation that a light must gain for its distance from the one of shading; infinite where it is too far."""
-    if guess.confidence < TUNING.trusted:
+    if guess.confidence < TRUSTED:
         return 0.0
-    sure = min((guess.confidence - TUNING.trusted) / (TUNING.well - TUNING.trusted), 1.0)
+    sure = min((guess.confidence - TRUSTED) / (TUNING.well - TRUSTED), 1.0)
     deviation = TUNING.deviation[0] + sure * (TUNING.deviation[1] - TUNING.deviation[0])
     cosine = sum(a * b for a, b in zip(light.direction, guess.light.direction, strict=True))
     angle = degrees(acos(min(max(cosine, -1.0), 1.0)))
@@ -240,69 +244,267 @@ def _distance_penalty(light: DistantLight, guess: LightGuess) -> float:
     return TUNING.pull * (angle / deviation) ** 2
 
 
+def refine_light(fine: LightGradients, setting: ShadowSetting, guess: LightGuess) -> LightFit:
+    """Smaller steps from a setting, in px of `fine`, by the largest objects; its likeness by all."""
+    telling = fine.telling
+
+    def rated(where: ShadowSetting) -> LightFit:
+        return _rated(fine, telling, where, guess)
+
+    fit = rated(setting)
+    for step, times in ((0.12, 1), (0.06, 2), (0.03, 1)):
+        for _ in range(times):
+            before = fit
+            fit = _climbed(fit, iter(list(_fine_steps(fit.setting, step))), rated)
+            if fit is before:  # the same steps again would lead nowhere either
+                break
+    if fit.likeness == -inf:
+        return fit
+    return LightFit(fit.setting, *fine.agreement(predicted_darkness(fine.joined, fit.setting)))
+
+
+def fit_wall(fine: LightGradients, fit: LightFit, guess: LightGuess) -> LightFit | None:
+    """The same with an upright wall behind, where shadows on one are seen as well as those on the floor."""
+    if fit.setting.light.direction[2] < 0.2:
+        return None
+    telling = fine.telling
+    floors = [what.floor for what in fine.joined if what.floor is not None]
+
+    def gain(setting: ShadowSetting, on_floor: F32) -> float:
+        """Correlation above the wall's foot; 0 where the floor alone, going on there, explains as much."""
+        foot = min(floors, default=inf) - setting.tilt * setting.backdrop - 3
+        on_both = predicted_darkness(telling, setting)
+        likeness, factor = fine.agreement(on_both, foot)
+        more = fine.explained(on_both, foot) > TUNING.wall_gain * fine.explained(on_floor, foot)
+        return likeness if more and 0.2 < factor < 4 else 0.0
+
+    plain = predicted_darkness(telling, replace(fit.setting, backdrop=inf))
+    backs = np.geomspace(*TUNING.wall_range, 12) * typical_size(fine.silhouettes)
+    tries = [replace(fit.setting, backdrop=float(back)) for back in backs]
+    best = sorted(((gain(p, plain), -k, p) for k, p in enumerate(tries)), reverse=True)[:2]
+    for likeness, _, setting in best:
+        if likeness > TUNING.half_seen:
+            found = refine_light(fine, setting, guess)
+            alone = predicted_darkness(telling, replace(found.setting, backdrop=inf))
+            if found.setting.backdrop < inf and gain(found.setting, alone) > BY_A_WALL:
+                return found
+    return None
+
+
+def settle_shadows(fine: LightGradients, fit: LightFit) -> LightFit:
+    """The shadows of objects in the air moved onto dark places near by, and the light's softness searched again.
+
+    Objects far off are drawn smaller, which no distant light explains.
+    """
+    best = fit
+    wide = (2.0,) if fit.setting.softness > 2.0 else ()
+    for guess in (fit.setting.softness, *wide):  # a light thought wide covers what lies astray
+        setting = replace(fit.setting, softness=guess)
+        shifts = tuple(_astray(fine, what, setting) for what in fine.joined)
+        if not any(dx or dy for dx, dy in shifts):
+            continue
+        for soft in (guess, 0.5 * guess, 2 * guess):
+            setting = replace(fit.setting, softness=soft)
+            likeness, factor = fine.agreement(predicted_darkness(fine.joined, setting, shifts))
+            if likeness > best.likeness:
+                best = replace(fit, setting=setting, likeness=likeness, factor=factor, shifts=shifts)
+    return best
+
+
+def _astray(fine: LightGradients, what: Silhouette, setting: ShadowSetting) -> Shift:
+    """The way from the predicted shadow of an object to its real one; (0, 0) for what stands on the floor."""
+    if what.floor is None:
+        return 0, 0
+    height = what.floor - what.corner[1] - what.coverage.shape[0]
+    across, down = int(TUNING.astray * height), int(0.3 * TUNING.astray * height)
+    if height < what.thick or across < 2:
+        return 0, 0
+    model = predicted_darkness([what], setting)
+    best, where = fine.agreement(model)[0] + TUNING.moved, (0, 0)
+    x, y, right, lower = 0, 0, across, down
+    while right > 1 or lower > 1:  # a finer and finer grid about the best so far
+        for dy in range(y - lower, y + lower + 1, max(1, lower // 3)):
+            for dx in range(x - right, x + right + 1, max(1, right // 5)):
+                likeness, _ = fine.agreement(np.roll(model, (dy, dx), axis=(0, 1)))
+                if likeness > best:
+                    best, where = likeness, (dx, dy)
+        (x, y), right, lower = where, right // 4, lower // 4
+    return where
+
+
 def _oddness(setting: ShadowSetting, factor: float) -> float:
     """Correlation that an unusual fit must gain: low or high light, a steep or a flat floor, other darkness."""
-    strength = 0.03 * abs(np.log(max(factor, 0.05)))
-    if setting.top:
-        return float(strength)
     x, y, z = setting.light.direction
     length = (x * x + z * z) ** 0.5 / max(-y, 0.05)
     slant = 0.03 * max(length - 2, 0.0) + 0.03 * max(0.4 - length, 0.0)
-    return float(slant + 0.02 * abs(np.log(setting.tilt / TUNING.tilt)) + strength)
+    strength = 0.03 * abs(np.log(max(factor, 0.05)))
+    return float(slant + 0.02 * abs(np.log(setting.tilt / TILT)) + strength)
 
 
-def _starts(first: ShadowSetting) -> Iterator[ShadowSetting]:
-    """The light of shading, one from straight over the surface, and others all around."""
-    _, y, z = first.light.direction
-    if (z if first.top else -y) > 0.1:
+def _starts(first: ShadowSetting, guess: LightGuess) -> Iterator[ShadowSetting]:
+    if -guess.light.direction[1] > 0.1:
         yield first
-    yield replace(
-        _turned(first, 0.0, pi / 2), light=DistantLight(_direction(first.top, 0.0, pi / 2), 0.3, 0.9)
-    )
+    yield replace(first, light=DistantLight((0.0, -1.0, 0.0), 0.3, 0.9))
     for k in range(12):
-        for height in (0.5, 0.75, 0.9) if first.top else (0.4, 0.75):
-            yield _turned(first, 2 * pi * k / 12, asin(height))
+        turn = 2 * pi * k / 12
+        for height in (0.4, 0.75):
+            flat = (1 - height**2) ** 0.5
+            yield with_direction(first, (flat * cos(turn), -height, flat * sin(turn)))
 
 
-def _direction(top: bool, around: float, rise: float) -> tuple[float, float, float]:
-    """The unit vector so many radians around the normal of the surface that shadows fall on, and above it."""
-    across, along, up = cos(rise) * cos(around), cos(rise) * sin(around), sin(rise)
-    return (across, along, up) if top else (across, -up, along)
-
-
-def _turned(setting: ShadowSetting, around: float, rise: float) -> ShadowSetting:
-    light = setting.light
-    direction = _direction(setting.top, around, rise)
-    return replace(setting, light=DistantLight(direction, light.intensity, light.ambient))
-
-
-def _neighbours(setting: ShadowSetting, step: float) -> Iterator[ShadowSetting]:
-    """Neighbours of a setting, one number changed."""
+def _turned(setting: ShadowSetting, step: float) -> Iterator[ShadowSetting]:
+    """The light turned about the upright, and higher and lower, by so many radians."""
     x, y, z = setting.light.direction
-    up, along = (z, y) if setting.top else (-y, z)
-    around, rise = atan2(along, x), asin(min(max(up, -1.0), 1.0))
-    for turn, lift in ((step, 0), (-step, 0), (0, step), (0, -step), (step, -step), (-step, -step)):
-        if 0.1 < rise + lift < pi / 2:
-            yield _turned(setting, around + turn / max(cos(rise), 0.3), rise + lift)
+    turn, rise = atan2(z, x), asin(min(max(-y, -1.0), 1.0))
+    for around, up in ((step, 0), (-step, 0), (0, step), (0, -step), (step, -step), (-step, -step)):
+        a, e = turn + around / max(cos(rise), 0.3), rise + up
+        if sin(e) > 0.1 and e < pi / 2:
+            yield with_direction(setting, (cos(e) * cos(a), -sin(e), cos(e) * sin(a)))
+
+
+def _coarse_steps(setting: ShadowSetting) -> Iterator[ShadowSetting]:
+    """Neighbours of a setting, one number changed."""
+    yield from _turned(setting, 0.15)
+    yield from _turned(setting, 0.06)
+    for soft in (1.0, 3.0, 6.0, 12.0, 25.0):
+        yield replace(setting, softness=soft)
+    for share in (0.2, 0.5, 0.85):
+        yield with_direct_share(setting, share)
+    for tilt in (0.05, 0.08, 0.12, 0.17):
+        yield replace(setting, tilt=tilt)
+    if setting.backdrop < inf:
+        for part in (0.7, 0.85, 1.15, 1.4):
+            yield replace(setting, backdrop=part * setting.backdrop)
+
+
+def _fine_steps(setting: ShadowSetting, step: float) -> Iterator[ShadowSetting]:
+    yield from _turned(setting, step)
     for by in (1 + 4 * step, 1 / (1 + 4 * step)):
         yield replace(setting, softness=min(max(setting.softness * by, 0.5), 45.0))
-    for by in (1 + 2 * step, 1 / (1 + 2 * step)) if not setting.top else ():
+    for by in (1 + 2 * step, 1 / (1 + 2 * step)):
         yield replace(setting, tilt=min(max(setting.tilt * by, 0.02), 0.5))
         if setting.backdrop < inf:
             yield replace(setting, backdrop=setting.backdrop * by)
     now = setting.light.intensity / max(setting.light.intensity + setting.light.ambient, 1e-6)
     for share in (min(now + step, 0.98), max(now - step, 0.02)):
-        light = DistantLight(setting.light.direction, share * TUNING.full, (1 - share) * TUNING.full)
-        yield replace(setting, light=light)
+        yield with_direct_share(setting, share)
 
 
-def matched_light(fit: LightFit) -> DistantLight:
-    """The light with so much of it direct that predicted shadows are as dark as the seen ones."""
-    setting = fit.setting
-    share = setting.direct((0.0, 0.0, 1.0) if setting.top else (0.0, -1.0, 0.0))
-    now = min(max(share, 1e-3), 0.98)
-    wanted = min(max(1 - (1 - now) ** fit.factor, 0.02), 0.97)
+def with_direction(setting: ShadowSetting, direction: Sequence[float]) -> ShadowSetting:
+    """The same under a light from another direction (unit)."""
+    x, y, z = (float(c) for c in direction)
     light = setting.light
-    ratio = light.intensity / max(light.ambient, 1e-3) * (wanted / (1 - wanted)) / (now / (1 - now))
-    ambient = TUNING.full / (1 + min(ratio, 100.0))
-    return DistantLight(light.direction, TUNING.full - ambient, ambient)
+    return replace(setting, light=DistantLight((x, y, z), light.intensity, light.ambient))
+
+
+def with_direct_share(setting: ShadowSetting, share: float) -> ShadowSetting:
+    """The same with so much of the light direct where it falls straight."""
+    light = DistantLight(setting.light.direction, share * FULL, (1 - share) * FULL)
+    return replace(setting, light=light)
+
+
+@dataclass(frozen=True)
+class WallShadow:
+    """The objects' shadows on a wall behind, in px of the photo."""
+
+    shift: tuple[float, float]
+    """From an object to its shadow, in the middle of the photo."""
+    size: float
+    """Of shadow to object, about the middle of the photo."""
+    likeness: float = 0.0
+    """Correlation of slopes along the outlines."""
+    factor: float = 0.0
+    """-log of the light that is left."""
+    soft: float = 0.0
+    """px, standard deviation of the shadows' edges."""
+
+    def convincing(self, count: int) -> bool:
+        """One round object finds a round patch almost anywhere; several must find theirs all at once."""
+        return self.likeness >= float(0.5 + 0.35 / max(count, 1) ** 0.5)
+
+
+def cast_on_wall(what: Silhouette, shadow: WallShadow, scale: float, size: tuple[int, int]) -> F32:
+    """(h, w) coverage of the wall by its shadow, on a picture of `size` (w, h), 1 / scale of the photo's."""
+    middle = (size[0] - 1) / 2, (size[1] - 1) / 2
+    matrix = np.zeros((2, 3))
+    for k in (0, 1):
+        matrix[k, k] = shadow.size
+        matrix[k, 2] = shadow.size * (what.corner[k] - middle[k]) + middle[k] + shadow.shift[k] / scale
+    return np.asarray(cv2.warpAffine(what.coverage, matrix, size, flags=cv2.INTER_LINEAR), np.float32)
+
+
+def wall_coverage(
+    silhouettes: Sequence[Silhouette], shadow: WallShadow, scale: float, size: tuple[int, int]
+) -> F32:
+    """(h, w) coverage of the wall by all shadows, with sharp edges."""
+    total = np.zeros(size[::-1], np.float32)
+    for what in silhouettes:
+        np.maximum(total, cast_on_wall(what, shadow, scale, size), out=total)
+    return total
+
+
+def refine_wall_shadow(gradients: LightGradients, shadow: WallShadow) -> WallShadow:
+    """Smaller steps from a wall shadow, and the softness of its edges, on a finer picture."""
+
+    def rated(one: WallShadow) -> WallShadow:
+        total = wall_coverage(gradients.silhouettes, one, gradients.scale, gradients.size)
+        soft = one.soft / gradients.scale
+        model = total if soft < 0.3 else np.asarray(cv2.GaussianBlur(total, (0, 0), soft), np.float32)
+        likeness, factor = gradients.agreement(model)
+        return replace(one, likeness=likeness, factor=factor)
+
+    def steps(one: WallShadow, step: float) -> list[WallShadow]:
+        (dx, dy) = one.shift
+        moved = [
+            replace(one, shift=(dx + a * step, dy + b * step)) for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1))
+        ]
+        return [*moved, replace(one, soft=one.soft * 1.5), replace(one, soft=one.soft / 1.5)]
+
+    best = rated(replace(shadow, soft=gradients.slopes[0][0] * gradients.scale))
+    for step in (4.0, 2.0, 1.0):
+        by = 0.01 * step
+        sizes = [replace(best, size=best.size + by), replace(best, size=best.size - by)]
+        tries = steps(best, step)
+        tries = [*tries[:4], *sizes, *tries[4:]]
+        for _ in range(2):
+            best = max([best, *(rated(one) for one in tries)], key=lambda one: one.likeness)
+            tries = steps(best, step)
+    return best
+
+
+def find_wall_shadow(gradients: LightGradients) -> WallShadow | None:
+    """The best way to move the objects onto their shadows; None where no way keeps enough of them in sight."""
+    width, near, right, down = gradients.slopes[-1]
+    within = cv2.erode(gradients.known, np.ones((3, 3), np.uint8)) * (near > 0.3)
+    steep = np.hypot(right, down)
+    free = steep[within > 0]
+    if not free.size:
+        return None
+    cut = np.minimum(1, np.percentile(free, TUNING.steepest) / np.maximum(steep, 1e-6))
+    right, down = within * right * cut, within * down * cut
+    shape = (cv2.getOptimalDFTSize(2 * gradients.size[1]), cv2.getOptimalDFTSize(2 * gradients.size[0]))
+    spectra = [np.fft.rfft2(part, shape) for part in (right, down, right * right + down * down, within)]
+    rows, columns = (np.fft.fftfreq(n, 1 / n)[:, None] for n in shape)
+    reach = TUNING.farthest * typical_size(gradients.silhouettes)
+    allowed = (np.abs(columns.T) < reach) & (rows > -0.12 * reach) & (rows < reach)
+
+    def correlated(k: int, by: F32) -> NDArray[np.float64]:
+        return np.fft.irfft2(spectra[k] * np.conj(np.fft.rfft2(by, shape)), shape)
+
+    best: WallShadow | None = None
+    for size in TUNING.wall_sizes:
+        outline = wall_coverage(gradients.silhouettes, WallShadow((0.0, 0.0), size), 1.0, gradients.size)
+        dy, dx = np.gradient(cv2.GaussianBlur(outline, (0, 0), width))
+        energy = dx * dx + dy * dy
+        edges = (energy > 0.02 * energy.max()).astype(np.float32)
+        band = np.asarray(cv2.dilate(edges, np.ones((5, 5), np.uint8)), np.float32)
+        both = -(correlated(0, dx) + correlated(1, dy))
+        own, seen = np.maximum(correlated(3, energy), 1e-9), np.maximum(correlated(2, band), 1e-9)
+        visible = allowed & (own > TUNING.in_sight * energy.sum())
+        likeness = np.where(visible, both / np.sqrt(own * seen), -1.0)
+        row, column = np.unravel_index(int(likeness.argmax()), likeness.shape)
+        if likeness[row, column] > (best.likeness if best else 0.0):
+            shift = float(columns[column, 0]) * gradients.scale, float(rows[row, 0]) * gradients.scale
+            factor = float(both[row, column] / own[row, column])
+            best = WallShadow(shift, size, float(likeness[row, column]), factor)
+    return best

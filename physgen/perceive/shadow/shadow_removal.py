@@ -1,13 +1,13 @@
 """Removal of shadows from the background, and refilling of what lay in them.
 
-The light of a place without its shadow is read off the same kind of surface nearby: along the row first on a floor seen
-from the side, since it changes least that way. What is missing there, within reach of what geometry predicts, is given
-back to all channels alike. Finer detail is grain, and stays.
+The light of a place without its shadow is read off the same kind of surface nearby: along the row first, since a floor
+seen from the side changes least that way. The missing light follows the prediction of geometry; where the photo differs
+by more than the surface's own grain, the photo is believed. Finer detail is grain, and stays.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -20,26 +20,28 @@ from physgen.photometry import decode, encode_u8, luminance
 
 Reaches = Sequence[tuple[float, float, float]]
 """px across and down over which like surfaces are averaged, and the weight of each."""
+HUES = 6
+"""Kinds of surface that are separated."""
 
 
 @dataclass(frozen=True)
 class _Tuning:
-    """Sizes are shares of an object's, depths are -log of light; chosen on studio photos of the split `tune`."""
+    """Sizes are shares of an object's, depths are -log of light."""
 
-    hues: int = 6  # kinds of surface that are separated
-    shaded: float = 0.03  # predicted depth from which a place is no reference for lit surfaces
-    # reach of like surfaces, across and down, and their weight: on a floor seen from the side a row is equally far ...
-    along: tuple[tuple[float, float, float], ...] = (
+    shaded: float = 0.03  # predicted depth from which a place counts as shaded
+    reaches: tuple[tuple[float, float, float], ...] = (
         (0.6, 0.03, 1.0), (2.0, 0.06, 0.05), (5.0, 0.12, 2e-3), (1.5, 0.5, 1e-4), (6.0, 1.0, 1e-6),
     )  # fmt: skip
-    # ... and on a table seen from above
-    around: tuple[tuple[float, float, float], ...] = ((0.4, 0.4, 1.0), (1.0, 1.0, 0.05), (3.0, 3.0, 0.002))
-    astray: float = 0.15  # how far beside the prediction a shadow may lie; half as far down a floor
-    soft: float = 0.04  # over which removal ends beyond that
-    full: float = 0.04  # predicted depth from which a place is wholly within reach of shadows
-    most: float = 1.7  # of the depth predicted close by: darker places are no shadows ...
-    faint: float = 0.1  # ... and so much more
+    loud: float = 2.0  # standard deviations of the grain up to which a difference is grain
+    wide: float = 0.3  # a wider difference is a shadow that geometry missed, a finer one an edge, or grain
+    faint: float = 0.1  # depth from which a patch is dark
+    part: float = 0.45  # the same, of the depth predicted close by
+    most: float = 1.7  # of the depth predicted close by: darker patches are no shadows
+    own: float = 0.3  # share of a dark patch that must be predicted; then all of it is removed
+    astray: float = 0.15  # how far beside the prediction a shadow may lie; half as far above and below
+    rim: float = 3.0  # px in from its border over which a dark patch is believed as it is seen
     smooth: float = 2.0  # px over which slopes are smoothed, so that grain does not count
+    tint: tuple[float, float] = (0.6, 1.35)  # of one channel's darkening over the average
 
 
 @dataclass(frozen=True)
@@ -66,11 +68,11 @@ def hue_weights(linear: F32, plain: F32 | Mask, most: int) -> list[F32]:
     grey = linear.sum(axis=2) + 3 * DARKEST
     hue = cv2.GaussianBlur(np.dstack([(linear[..., c] + DARKEST) / grey for c in (0, 2)]), (0, 0), 2)
     sample = np.ascontiguousarray(hue[plain > 0][:: max(1, int(plain.sum()) // most)], np.float32)
-    if len(sample) < TUNING.hues:
+    if len(sample) < HUES:
         return [np.ones(plain.shape, np.float32)]
     cv2.setRNGSeed(1)
     start = np.zeros((len(sample), 1), np.int32)
-    _, names, centers = cv2.kmeans(sample, TUNING.hues, start, (3, 20, 1e-3), 1, cv2.KMEANS_PP_CENTERS)
+    _, names, centers = cv2.kmeans(sample, HUES, start, (3, 20, 1e-3), 1, cv2.KMEANS_PP_CENTERS)
     width = max(0.03, 2 * float(np.abs(sample - centers[names.ravel()]).mean()))
     return [np.exp(-((hue - c) ** 2).sum(-1) / (2 * width * width)).astype(np.float32) for c in centers]
 
@@ -90,40 +92,52 @@ def blur_wide(picture: F32, across: float, down: float) -> F32:
     return np.asarray(soft, np.float32)
 
 
-def mean_of_kind(values: F32, plain: F32, kinds: Sequence[F32], reaches: Reaches) -> F32:
+def mean_of_kind(
+    values: F32,
+    plain: F32,
+    kinds: Sequence[F32],
+    reaches: Reaches,
+    *,
+    tiny: float,
+    prior: tuple[float, float] = (0.0, 1e-9),
+    blur: Callable[[F32, float, float], F32] = blur_wide,
+) -> F32:
     """(h, w): the mean of `values` on surfaces of each pixel's kind nearby, from where they are `plain`.
 
-    A pixel's own value where none is near.
+    `tiny` weight of a pixel's own value where none is near; `prior`: the same, and a weight, where it is of no kind.
     """
-    result, total = np.float32(1e-6) * values, np.full(values.shape, 1e-6, np.float32)
+    result = np.float32(prior[0]) * values if prior[0] else np.zeros(values.shape, np.float32)
+    total = np.full(values.shape, prior[1], np.float32)
     for kind in kinds:
-        sums, weights = np.float32(1e-9) * values, np.full(values.shape, 1e-9, np.float32)
+        sums, weights = tiny * values, np.full(values.shape, tiny, np.float32)
         weight = plain * kind
         for across, down, gain in reaches:
-            sums = sums + gain * blur_wide(values * weight, across, max(down, 0.7))
-            weights = weights + gain * blur_wide(weight, across, max(down, 0.7))
+            sums = sums + gain * blur(values * weight, across, down)
+            weights = weights + gain * blur(weight, across, down)
         result = result + kind * sums / weights
         total = total + kind
     return np.asarray(result / total, np.float32)
 
 
-def remove_shadows(background: Rgb, coverage: F32, predicted: F32, size: float, *, top: bool) -> Rgb:
+def remove_shadows(background: Rgb, coverage: F32, predicted: F32, size: float) -> Rgb:
     """The background without shadows; `predicted` (H, W): -log of the light left; `size`: px of a typical object."""
-    linear = decode(background)
-    bright = np.asarray(cv2.medianBlur(np.log(luminance(linear) + DARKEST), 3), np.float32)
-    around = [2 * max(1, round(TUNING.astray * size * flat)) + 1 for flat in (1.0, 1.0 if top else 0.5)]
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, tuple(around))
-    expected = np.asarray(cv2.dilate(predicted, kernel), np.float32)
-    reach = np.asarray(cv2.GaussianBlur(expected, (0, 0), max(2.0, TUNING.soft * size)), np.float32)
-    plain = away_from_objects(coverage) & (reach <= TUNING.shaded)
-    if np.count_nonzero(plain) < TUNING.hues:
+    free = away_from_objects(coverage).astype(np.float32)
+    shaded = predicted > 0.01
+    rows, columns = np.flatnonzero(shaded.any(axis=1)), np.flatnonzero(shaded.any(axis=0))
+    if not len(rows):
         return background
-    reaches = [(a * size, d * size, gain) for a, d, gain in (TUNING.around if top else TUNING.along)]
-    kinds = hue_weights(linear, plain, 8000)
-    level = mean_of_kind(bright, plain.astype(np.float32), kinds, reaches)
-    dark = np.clip(level - bright, 0, TUNING.most * np.maximum(predicted, reach) + TUNING.faint)
-    dark *= np.clip(reach / TUNING.full, 0, 1)
-    return encode_u8(linear * np.exp(dark)[..., None])
+    pad = int(4 * size)
+    part = np.s_[
+        max(rows[0] - pad // 2, 0) : rows[-1] + pad // 2, max(columns[0] - pad, 0) : columns[-1] + pad
+    ]
+    linear = decode(background[part])
+    dark, clean = _Removal(linear, free[part], predicted[part], size).darkness()
+    gone = 1 - np.exp(-dark)
+    left = 1 - gone[..., None] * _tint(linear, clean, gone, free[part])
+    result = background.copy()
+    there = dark > 1e-3
+    result[part][there] = encode_u8(linear / np.maximum(left, 0.04))[there]
+    return result
 
 
 def edge_ratio(background: Rgb, clean: Rgb, coverage: F32) -> float:
@@ -142,6 +156,117 @@ def edge_ratio(background: Rgb, clean: Rgb, coverage: F32) -> float:
         sums.append(float(np.hypot(*slopes)[there & free].sum()))
     before, after = sums
     return after / before if before > 0 else 1.0
+
+
+@dataclass(frozen=True)
+class _Removal:
+    """One part of the photo, its objects, and the shadows predicted there."""
+
+    linear: F32
+    free: F32
+    predicted: F32
+    size: float
+
+    def darkness(self) -> tuple[F32, F32]:
+        """(h, w) -log of the light that is missing, and (h, w, 3) the light of surfaces of that kind elsewhere."""
+        free, predicted, size = self.free, self.predicted, self.size
+        bright = np.log(luminance(self.linear) + DARKEST).astype(np.float32)
+        plain = free * (predicted < TUNING.shaded)
+        kinds = hue_weights(self._provisional(bright, plain), plain, 8000)
+        near = 3 * size, 0.5 * size
+        level = self._level(bright, plain, kinds)
+        noise = _mean(((level - bright) * plain) ** 2, plain, *near) ** 0.5
+        around = 2 * round(TUNING.astray * size) + 1, 2 * round(0.5 * TUNING.astray * size) + 1
+        expected = np.asarray(cv2.dilate(predicted, np.ones(around[::-1], np.uint8)), np.float32)
+        least = np.maximum(2.5 * noise, TUNING.part * expected)
+        for _ in range(2):  # a place that turns out to be dark is no reference for lit ones
+            missing = np.asarray(cv2.medianBlur(level - bright, 3), np.float32)
+            patch = _dark_patches(missing, free * (expected > 0.05), predicted, least)
+            plain = plain * (1 - cv2.dilate(patch, np.ones((7, 7), np.uint8)))
+            level = self._level(bright, plain, kinds)
+        logs = np.log(self.linear + DARKEST).astype(np.float32)
+        elsewhere = [self._level(logs[..., c], plain, kinds) for c in range(3)]
+        clean = np.asarray(np.exp(np.stack(elsewhere, axis=-1)) - DARKEST, np.float32)
+        # the photo's difference from the prediction, wide and fine, against the grain of the surroundings
+        beyond = (missing - predicted) * free
+        grain = (level - bright) * plain
+        wide = _mean(beyond, free, TUNING.wide * size, 0.15 * size)
+        fine = np.asarray(cv2.medianBlur(beyond - wide * free, 3), np.float32)
+        noise_wide = _mean(grain, plain, TUNING.wide * size, 0.15 * size)
+        noise_fine = cv2.medianBlur(grain, 3) - noise_wide
+        dark = predicted + _above_noise(wide, _mean(noise_wide**2, plain, *near), 1.0)
+        quiet = _mean(noise_fine**2, plain, *near)
+        dark = dark + _above_noise(fine, quiet, TUNING.loud)
+        # a dark patch that is predicted in part is a shadow in all its shape: its edge as seen, its inside smooth
+        depth = cv2.distanceTransform(patch, cv2.DIST_L2, 3)
+        inside = np.clip((depth - TUNING.rim) / 2, 0, 1).astype(np.float32)
+        even = _mean(missing * inside, inside, 0.12 * size, 0.04 * size)
+        seen = missing + inside * (even + _above_noise(missing - even, quiet, TUNING.loud) - missing)
+        belongs = blur_wide(cv2.dilate(patch, np.ones((5, 5), np.uint8)).astype(np.float32), 1.0, 1.0) * free
+        dark = belongs * seen + (1 - belongs) * dark
+        window = np.maximum(self._reach(), belongs)
+        dark = np.clip(dark, 0, TUNING.most * expected + TUNING.faint) * window
+        return np.asarray(dark, np.float32), clean
+
+    def _level(self, values: F32, plain: F32, kinds: Sequence[F32]) -> F32:
+        """(h, w): the mean of like surfaces nearby, along the rows first."""
+        reaches = [(a * self.size, max(d * self.size, 0.7), gain) for a, d, gain in TUNING.reaches]
+        return mean_of_kind(values, plain, kinds, reaches, tiny=1e-12)
+
+    def _reach(self) -> F32:
+        """(h, w) 0..1: where shadows may be."""
+        side = 2 * max(1, round(0.06 * self.size)) + 1
+        wide = cv2.dilate(self.predicted, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)))
+        soft = blur_wide(np.asarray(wide, np.float32), 0.05 * self.size, 0.03 * self.size)
+        return np.asarray(np.clip(soft / 0.06, 0, 1), np.float32)
+
+    def _provisional(self, bright: F32, plain: F32) -> F32:
+        """(h, w, 3): shadows roughly removed, so that a surface has one hue in and out of them."""
+        level = self._level(bright, plain, [np.ones(bright.shape, np.float32)])
+        wide = cv2.dilate(self.predicted, np.ones((5, 5), np.uint8))
+        dark = np.clip(level - bright, 0, 1.3 * wide + 0.1) * self._reach()
+        own, seen = (np.gradient(cv2.GaussianBlur(part, (0, 0), 1.5)) for part in (self.predicted, bright))
+        total = -sum(float((a * b).sum()) for a, b in zip(own, seen, strict=True))
+        tint = np.ones(3, np.float32)
+        for c in range(3):
+            channel = np.gradient(cv2.GaussianBlur(np.log(self.linear[..., c] + DARKEST), (0, 0), 1.5))
+            share = -sum(float((a * b).sum()) for a, b in zip(own, channel, strict=True))
+            tint[c] = np.clip(share / max(total, 1e-3), *TUNING.tint)
+        return np.asarray(self.linear * np.exp(dark[..., None] * tint), np.float32)
+
+
+def _above_noise(value: F32, variance: F32, times: float) -> F32:
+    """The part of a value that stands out of noise: Wiener's rule with a threshold."""
+    share = np.clip(1 - times**2 * variance / np.maximum(value * value, 1e-6), 0, 1)
+    return np.asarray(value * share, np.float32)
+
+
+def _dark_patches(missing: F32, free: F32, predicted: F32, least: F32) -> NDArray[np.uint8]:
+    """(h, w) 1 in dark patches that are predicted in part; `least`: the depth that counts as dark."""
+    foreseen = (predicted > 0.02) & (free > 0)
+    dark = ((missing > np.maximum(least, TUNING.faint)) & (free > 0)).astype(np.uint8)
+    _, names, stats, _ = cv2.connectedComponentsWithStats(dark, connectivity=4)
+    area = stats[:, cv2.CC_STAT_AREA]
+    counts = np.bincount(names.ravel(), weights=foreseen.ravel(), minlength=len(stats))
+    taken = (counts > TUNING.own * area) & (area > 12)
+    taken[0] = False
+    return np.asarray(taken[names].astype(np.uint8))
+
+
+def _mean(values: F32, weight: F32, across: float, down: float) -> F32:
+    """Local mean of what is known; `values` are 0 where it is not."""
+    near = blur_wide(weight, across, max(down, 0.7))
+    return np.asarray(blur_wide(values, across, max(down, 0.7)) / np.maximum(near, 1e-3), np.float32)
+
+
+def _tint(linear: F32, clean: F32, gone: F32, free: F32) -> F32:
+    """(3,) the darkening of each channel over that of the luminance: the colour of the blocked light."""
+    seen = (gone > 0.2) & (free > 0) & (clean.min(axis=2) > 5e-3)
+    if np.count_nonzero(seen) < 100:
+        return np.ones(3, np.float32)
+    each, all_ = 1 - linear[seen] / clean[seen], gone[seen][:, None]
+    share = (each * all_).sum(axis=0) / (all_ * all_).sum()
+    return np.asarray(np.clip(share, *TUNING.tint), np.float32)
 
 
 def refill_background(removed: Rgb, background: Rgb, coverage: F32, inpaint: Inpaint) -> Rgb:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
 from math import ceil, inf
 
 import cv2
 import numpy as np
 
 from physgen.geometry.polygon import Array, Disc, bounds, mass_properties
-from physgen.geometry.shadows import ShadowSetting, Silhouette, shadow_darkness
+from physgen.geometry.shadows import PixelBox, ShadowSetting, Silhouette, shadow_darkness
 from physgen.perceive.roles import F32, BoundaryGuess, Labels, Mask, Matter, PhotoObject
 from physgen.scene.scene import Solid, View
 
@@ -18,6 +17,11 @@ MOST = 40  # objects that are considered; the largest
 SUNK = 3.0  # px by which an object may reach below its floor
 MARGIN = 2  # px around objects where the background still shows traces of them
 DARKEST = 2e-3  # linear light added before logarithms and ratios: black has neither
+
+Shift = tuple[int, int]
+"""px right and down."""
+Casts = Iterator[tuple[int, PixelBox, F32]]
+"""Of each object its id, a box of the photo, and -log of the light that it leaves there."""
 
 
 def object_silhouettes(
@@ -68,22 +72,43 @@ def object_silhouettes(
     return found
 
 
+def group_silhouettes(silhouettes: Sequence[Silhouette]) -> list[list[Silhouette]]:
+    """Each ball alone; then all others, those of one floor and like thickness together."""
+    balls = [[what] for what in silhouettes if what.radius is not None]
+    groups: list[list[Silhouette]] = []
+    for what in sorted((w for w in silhouettes if w.radius is None), key=lambda w: w.thick):
+        for group in groups:
+            if _alike(group[0], what):
+                group.append(what)
+                break
+        else:
+            groups.append([what])
+    return balls + groups
+
+
 def join_silhouettes(silhouettes: Sequence[Silhouette]) -> list[Silhouette]:
-    """Each ball, and one silhouette for all others of one floor: where they stand side by side, so do their shadows."""
-    result = [what for what in silhouettes if what.radius is not None or what.floor is None]
-    flat = [what for what in silhouettes if what.radius is None and what.floor is not None]
-    for floor in sorted({round(what.floor, 0) for what in flat if what.floor is not None}):
-        group = [what for what in flat if what.floor is not None and round(what.floor, 0) == floor]
-        x0, y0 = (min(what.corner[k] for what in group) for k in (0, 1))
-        x1, y1 = (max(what.corner[k] + what.coverage.shape[1 - k] for what in group) for k in (0, 1))
-        whole = np.zeros((y1 - y0, x1 - x0), np.float32)
-        for what in group:
-            (x, y), (h, w) = what.corner, what.coverage.shape
-            part = whole[y - y0 : y - y0 + h, x - x0 : x - x0 + w]
-            np.maximum(part, what.coverage, out=part)
-        thick = float(np.median([what.thick for what in group]))
-        result.append(replace(group[0], coverage=whole, corner=(x0, y0), thick=thick, id=0))
-    return result
+    """One for each group: the shadows of objects that stand side by side are one too."""
+    return [
+        group[0] if group[0].radius is not None else _union(group) for group in group_silhouettes(silhouettes)
+    ]
+
+
+def _union(group: Sequence[Silhouette]) -> Silhouette:
+    x0, y0 = (min(w.corner[k] for w in group) for k in (0, 1))
+    x1, y1 = (max(w.corner[k] + w.coverage.shape[1 - k] for w in group) for k in (0, 1))
+    whole = np.zeros((y1 - y0, x1 - x0), np.float32)
+    for what in group:
+        (x, y), (h, w) = what.corner, what.coverage.shape
+        part = whole[y - y0 : y - y0 + h, x - x0 : x - x0 + w]
+        np.maximum(part, what.coverage, out=part)
+    thick = float(np.median([w.thick for w in group]))
+    return Silhouette(whole, (x0, y0), group[0].center, None, thick, group[0].floor)
+
+
+def _alike(one: Silhouette, other: Silhouette) -> bool:
+    if one.floor is None or other.floor is None:
+        return False
+    return abs(one.floor - other.floor) < 1 and other.thick < 1.5 * one.thick
 
 
 def lowest_floor(boundaries: BoundaryGuess) -> float | None:
@@ -119,13 +144,29 @@ def away_from_objects(coverage: F32, margin: int = MARGIN) -> Mask:
     return np.asarray(cv2.dilate((coverage > 0).astype(np.uint8), square) == 0)
 
 
-def predicted_darkness(silhouettes: Sequence[Silhouette], setting: ShadowSetting) -> F32:
-    """(h, w) -log of the light that objects leave; where shadows of several fall, that of the darkest."""
+def predicted_darkness(
+    silhouettes: Sequence[Silhouette], setting: ShadowSetting, shifts: Sequence[Shift] = ()
+) -> F32:
+    """(h, w) -log of the light that objects leave; `shifts`: by how much each one's shadow lies elsewhere."""
     w, h = setting.size
     model = np.zeros((h, w), np.float32)
-    for what in silhouettes:
-        if (found := shadow_darkness(what, setting)) is not None:
+    for k, what in enumerate(silhouettes):
+        if (found := shifted_darkness(what, setting, shifts[k] if shifts else (0, 0))) is not None:
             (x0, y0, x1, y1), values = found
-            part = model[y0:y1, x0:x1]
-            np.maximum(part, values, out=part)
+            model[y0:y1, x0:x1] += values
     return model
+
+
+def shifted_darkness(what: Silhouette, setting: ShadowSetting, shift: Shift) -> tuple[PixelBox, F32] | None:
+    """A box of the photo and (h, w) -log of the light that is left there; None where no shadow lies in the photo."""
+    found = shadow_darkness(what, setting)
+    if found is None or shift == (0, 0):
+        return found
+    (x0, y0, x1, y1), values = found
+    dx, dy = shift
+    left, top = max(x0 + dx, 0), max(y0 + dy, 0)
+    right, bottom = min(x1 + dx, setting.size[0]), min(y1 + dy, setting.size[1])
+    if right <= left or bottom <= top:
+        return None
+    part = np.s_[top - y0 - dy : bottom - y0 - dy, left - x0 - dx : right - x0 - dx]
+    return (left, top, right, bottom), values[part]

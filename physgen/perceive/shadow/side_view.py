@@ -1,0 +1,326 @@
+"""Shadows of a photo taken from the side: removal, owners and light."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from math import atan, degrees, hypot, inf
+
+import cv2
+import numpy as np
+
+from physgen.geometry.polygon import bounds
+from physgen.geometry.shadows import ShadowSetting, Silhouette
+from physgen.perceive.roles import F32, BoundaryGuess, Labels, LightGuess, Matter, PhotoObject, Rgb, Shadows
+from physgen.perceive.shadow.ambient_shade import find_ambient_shade
+from physgen.perceive.shadow.shadow_assignment import (
+    FAINT,
+    PREDICTED,
+    shadow_owners,
+    shadow_owners_by_model,
+)
+from physgen.perceive.shadow.shadow_fit import (
+    BY_A_WALL,
+    COARSE,
+    FINE,
+    FULL,
+    TILT,
+    TRUSTED,
+    LightFit,
+    LightGradients,
+    WallShadow,
+    cast_on_wall,
+    find_wall_shadow,
+    fit_wall,
+    light_gradients,
+    refine_light,
+    refine_wall_shadow,
+    search_light,
+    settle_shadows,
+    wall_coverage,
+)
+from physgen.perceive.shadow.shadow_removal import edge_ratio, remove_shadows
+from physgen.perceive.shadow.silhouettes import (
+    Casts,
+    Shift,
+    group_silhouettes,
+    join_silhouettes,
+    lowest_floor,
+    object_silhouettes,
+    predicted_darkness,
+    shifted_darkness,
+    typical_size,
+)
+from physgen.photometry import DistantLight
+
+
+@dataclass(frozen=True)
+class _Limits:
+    """Which shadows are believed and removed; depths are -log of light."""
+
+    alike: float = 0.5  # correlation of slopes that shadows on a floor need ...
+    sure: float = 0.75  # ... and with `deep` for each unit of depth, up to one
+    deep: float = 0.3
+    calm: float = 0.85  # share of the slopes of light that removal may leave: a shadow's edges go with it
+    seen: float = 1.0  # up to this share there are shadows, though they lie too far astray to be removed
+    faintest: float = 0.15  # depth of the faintest shadows
+    darkest: float = 2.5  # depth of the darkest
+    # of an object's size: distances behind at which a wall is tried
+    walls: tuple[float, ...] = (0.3, 0.6, 1.2, 2.4)
+    rough: int = 240  # px: longer side of the picture in which shadows on a wall are searched
+
+
+LIMITS = _Limits()
+
+
+@dataclass(frozen=True)
+class _Photo:
+    """The background and its objects; silhouettes and gradients at several scales, each made once."""
+
+    background: Rgb
+    coverage: F32
+    labels: Labels
+    objects: Sequence[PhotoObject]
+    matter: Mapping[int, Matter]
+    boundaries: BoundaryGuess
+    made: dict[tuple[int, float | None], LightGradients | None] = field(default_factory=dict)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height, px."""
+        return self.labels.shape[1], self.labels.shape[0]
+
+    def silhouettes(self, scale: float, floor: float | None = None) -> list[Silhouette]:
+        return object_silhouettes(self.labels, self.objects, self.matter, self.boundaries, scale, floor)
+
+    def gradients(self, longest: int, floor: float | None = None) -> LightGradients | None:
+        if (longest, floor) not in self.made:
+            at = partial(self.silhouettes, floor=floor)
+            made = light_gradients(self.background, self.coverage, longest, at)
+            self.made[longest, floor] = made
+        return self.made[longest, floor]
+
+
+def side_view_shadows(
+    background: Rgb,
+    coverage: F32,
+    labels: Labels,
+    objects: Sequence[PhotoObject],
+    matter: Mapping[int, Matter],
+    boundaries: BoundaryGuess,
+    guess: LightGuess,
+) -> Shadows:
+    """The role `shadow` for a photo from the side."""
+    photo = _Photo(background, coverage, labels, objects, matter, boundaries)
+    nothing = Shadows(None, None, guess.light, 4.0, 4.0, None, 0.0, "no shadow of the objects is seen")
+    given = photo.gradients(COARSE)
+    if given is None:
+        return nothing
+    wall = _wall_shadow(photo)
+    fits, floor = _floor_fits(photo, given, guess, search_walls=wall is None)
+    silhouettes = photo.silhouettes(1.0, floor)
+    for fit in (*fits, None):
+        if fit is None and wall is None:
+            break
+        dark = _predicted(silhouettes, fit, wall, photo.size)
+        clean = remove_shadows(background, coverage, dark, typical_size(silhouettes))
+        ratio = edge_ratio(background, clean, coverage)
+        if ratio <= LIMITS.seen and (ratio <= LIMITS.calm or nothing.owners is None):
+            casts = _casts(silhouettes, fit, wall, photo.size)
+            nothing = replace(nothing, owners=shadow_owners(background, clean, coverage, casts))
+        if ratio <= LIMITS.calm:
+            setting, sure, reason = _light(fit, wall, guess, photo.size)
+            back = None if setting.backdrop == inf else round(setting.backdrop, 1)
+            tilt, softness = round(degrees(atan(setting.tilt)), 1), round(setting.softness, 1)
+            sure = round(min(0.9, sure), 2)
+            return Shadows(clean, nothing.owners, setting.light, softness, tilt, back, sure, reason)
+    return _soft_shade(photo, guess) or nothing
+
+
+def _soft_shade(photo: _Photo, guess: LightGuess) -> Shadows | None:
+    """The shade of soft light on a floor under the lowest object; None where it is not seen."""
+    bottom = max(bounds(item.outline)[3] for item in photo.objects)
+    if bottom >= photo.size[1] - 1:
+        return None
+    at = partial(photo.silhouettes, floor=bottom)
+    shade = find_ambient_shade(photo.background, photo.coverage, at, from_above=False)
+    if shade is None:
+        return None
+    fit = LightFit(shade.setting, 0.0, shade.factor, shade.factor)
+    silhouettes = photo.silhouettes(1.0, bottom)
+    dark = _predicted(silhouettes, fit, None, photo.size)
+    # a surface where shade is predicted, and that is no darker there, lies in none
+    there = np.where(photo.coverage > 0, 1, np.clip(shade.missing / FAINT, 0, 1))
+    predicted = np.asarray(dark * there, np.float32)
+    clean = remove_shadows(photo.background, photo.coverage, predicted, typical_size(silhouettes))
+    if edge_ratio(photo.background, clean, photo.coverage) > LIMITS.seen:
+        return None
+    seen = np.where(dark > PREDICTED, shade.missing, 0).astype(np.float32)
+    owners = shadow_owners_by_model(photo.coverage, _casts(silhouettes, fit, None, photo.size), seen)
+    tilt = round(degrees(atan(shade.setting.tilt)), 1)
+    return Shadows(
+        clean, owners, guess.light, shade.setting.softness, tilt, None, shade.confidence, shade.reason
+    )
+
+
+def _predicted(
+    silhouettes: Sequence[Silhouette], fit: LightFit | None, wall: WallShadow | None, size: tuple[int, int]
+) -> F32:
+    """(H, W) -log of the light that the objects leave, on floor and wall."""
+    dark = np.zeros(size[::-1], np.float32)
+    if fit is not None:
+        joined = predicted_darkness(join_silhouettes(silhouettes), fit.setting, _shifts(fit, silhouettes))
+        dark += np.float32(fit.factor) * joined
+    if wall is not None:
+        dark += np.float32(wall.factor) * _softened(wall_coverage(silhouettes, wall, 1.0, size), wall)
+    return np.minimum(dark, LIMITS.darkest)
+
+
+def _softened(coverage: F32, wall: WallShadow) -> F32:
+    return np.asarray(cv2.GaussianBlur(coverage, (0, 0), max(wall.soft, 0.5)), np.float32)
+
+
+def _casts(
+    silhouettes: Sequence[Silhouette], fit: LightFit | None, wall: WallShadow | None, size: tuple[int, int]
+) -> Casts:
+    """Shadows of each object on floor and wall."""
+    if fit is not None:
+        for group, shift in zip(group_silhouettes(silhouettes), _shifts(fit, silhouettes), strict=True):
+            for what in group:
+                if (found := shifted_darkness(what, fit.setting, shift)) is not None:
+                    yield what.id, found[0], np.float32(fit.factor) * found[1]
+    if wall is not None:
+        for what in silhouettes:
+            soft = _softened(cast_on_wall(what, wall, 1.0, size), wall)
+            yield what.id, (0, 0, *size), np.asarray(np.float32(wall.factor) * soft, np.float32)
+
+
+def _shifts(fit: LightFit, silhouettes: Sequence[Silhouette]) -> list[Shift]:
+    """The shift of the shadow of each group, px of the photo; other scales may group otherwise."""
+    return [fit.moved.get(group[0].id, (0, 0)) for group in group_silhouettes(silhouettes)]
+
+
+def _floor_fits(
+    photo: _Photo, given: LightGradients, guess: LightGuess, *, search_walls: bool
+) -> tuple[list[LightFit], float | None]:
+    """Lights whose shadows lie on the floor, in px of the photo, the likeliest first; the floor's row if it is a guess.
+
+    `search_walls`: whether some may fall on a wall behind.
+    """
+    coarse: list[LightGradients] = [given]
+    floors: list[float | None] = [None]
+    lowest = lowest_floor(photo.boundaries)
+    if lowest is not None:
+        row = lowest / given.scale
+        elsewhere = any(s.floor is None or abs(s.floor - row) > 2 for s in given.silhouettes)
+        other = photo.gradients(COARSE, lowest) if elsewhere else None
+        if other is not None:
+            coarse.append(other)
+            floors.append(lowest)
+
+    def found(walls: Sequence[float]) -> tuple[LightGradients, LightFit, float | None]:
+        k, rough = search_light(coarse, guess, walls)
+        fine = photo.gradients(FINE, floors[k])
+        assert fine is not None
+        start = _rescaled(rough.setting, given.scale / fine.scale, fine.size)
+        return fine, refine_light(fine, start, guess), floors[k]
+
+    fine, plain, floor = found((inf,))
+    fits = [plain]
+    if search_walls and (walled := fit_wall(fine, plain, guess)) is not None:
+        fits.insert(0, walled)
+    elif search_walls and not _is_sure(fine, plain):  # close to a wall, hardly any shadow falls elsewhere
+        fine, walled, floor = found([part * typical_size(given.silhouettes) for part in LIMITS.walls])
+        fits = [walled]
+    return [
+        _full_size(fine, settle_shadows(fine, fit), photo.size) for fit in fits if _is_sure(fine, fit)
+    ], floor
+
+
+def _rescaled(setting: ShadowSetting, by: float, size: tuple[int, int]) -> ShadowSetting:
+    return replace(setting, backdrop=setting.backdrop * by, size=size)
+
+
+def _is_sure(fine: LightGradients, fit: LightFit) -> bool:
+    """Whether such shadows are there: alike, and dark enough."""
+    model = predicted_darkness(fine.joined, fit.setting) * fine.known
+    seen = model[model > 0.02]
+    depth = fit.factor * float(np.percentile(seen, 95)) if seen.size else 0.0
+    least = LIMITS.alike if fit.setting.backdrop == inf else BY_A_WALL
+    sure = fit.likeness + LIMITS.deep * min(depth, 1.0) > LIMITS.sure
+    return depth > LIMITS.faintest and fit.likeness > least and sure
+
+
+def _full_size(fine: LightGradients, fit: LightFit, size: tuple[int, int]) -> LightFit:
+    """The same in px of the photo, of `size` (W, H), with the darkness of each object's own shadow."""
+    groups = zip(group_silhouettes(fine.silhouettes), fit.shifts, strict=True) if fit.shifts else ()
+    moved = {
+        w.id: (round(dx * fine.scale), round(dy * fine.scale)) for group, (dx, dy) in groups for w in group
+    }
+    each = fit.factor
+    if len(fine.joined) < len(fine.silhouettes):
+        _, each = fine.agreement(predicted_darkness(fine.silhouettes, fit.setting))
+    return replace(fit, setting=_rescaled(fit.setting, fine.scale, size), each=each, shifts=(), moved=moved)
+
+
+def _wall_shadow(photo: _Photo) -> WallShadow | None:
+    """The shadows on a wall behind, where they are seen."""
+    rough = photo.gradients(LIMITS.rough)
+    wall = None if rough is None else find_wall_shadow(rough)
+    if rough is None or wall is None or not wall.convincing(len(rough.silhouettes)):
+        return None
+    fine = photo.gradients(FINE)
+    wall = wall if fine is None else refine_wall_shadow(fine, wall)
+    return wall if wall.factor > LIMITS.faintest else None
+
+
+def _light(
+    fit: LightFit | None, wall: WallShadow | None, guess: LightGuess, size: tuple[int, int]
+) -> tuple[ShadowSetting, float, str]:
+    """The light and where its shadows fall; its confidence; and the reason."""
+    if fit is None:
+        assert wall is not None
+        reason = f"where the objects' shadows lie on a wall behind (correlation {wall.likeness:.2f})"
+        return _light_of_wall(wall, guess, size), wall.likeness, reason
+    facing = (0.0, -1.0, 0.0)
+    share = 1 - (1 - min(fit.setting.direct(facing), 0.98)) ** fit.each
+    setting = _with_share(fit.setting, facing, share)
+    where = "on the floor" if wall is None else "on the floor and on a wall"
+    reason = f"where the objects' shadows lie {where} (correlation {fit.likeness:.2f})"
+    if wall is None:
+        return setting, fit.likeness, reason
+    x, y, z = setting.light.direction
+    back = _distance_back(wall, np.array([-x / max(z, 0.2), -y / max(z, 0.2) - setting.tilt]))
+    sure = max(fit.likeness, wall.likeness)
+    return (replace(setting, backdrop=back) if back > 1 else setting), sure, reason
+
+
+def _distance_back(wall: WallShadow, flat: np.ndarray) -> float:
+    """px to the wall, where shadows move by `flat` (2,) for each px back."""
+    return float(flat @ np.array(wall.shift) / max(float(flat @ flat), 1e-3))
+
+
+def _light_of_wall(wall: WallShadow, guess: LightGuess, size: tuple[int, int]) -> ShadowSetting:
+    """The light of shadows that lie on a wall alone."""
+    dx, dy = wall.shift
+    x, y, z = guess.light.direction
+    back = _distance_back(wall, np.array([-x, -y - TILT * z]) / max(z, 0.2))
+    if guess.confidence < TRUSTED or back < 0.3 * hypot(dx, dy):
+        back = 0.8 * hypot(dx, dy)
+    direction = np.array([-dx / back, -(dy / back + TILT), 1.0])
+    a, b, c = (direction / np.linalg.norm(direction)).tolist()
+    far = back / max(c, 0.2) * float(np.hypot(1, 0.5 * hypot(a, b) / max(c, 0.2)))
+    softness = min(max(degrees(atan(2 * max(wall.soft - 0.35, 0.0) / far)), 0.3), 45.0)
+    setting = ShadowSetting(DistantLight((a, b, c), 1.0, 0.2), softness, False, TILT, back, size)
+    return _with_share(setting, (0.0, 0.0, 1.0), 1 - float(np.exp(-wall.factor)))
+
+
+def _with_share(setting: ShadowSetting, facing: tuple[float, float, float], share: float) -> ShadowSetting:
+    """The same with so much of the light direct on a surface that faces there."""
+    share = min(max(share, 0.02), 0.97)
+    now = min(max(setting.direct(facing), 1e-3), 0.999)
+    light = setting.light
+    ratio = light.intensity / max(light.ambient, 1e-3) * (share / (1 - share)) / (now / (1 - now))
+    ambient = FULL / (1 + min(ratio, 100.0))
+    return replace(setting, light=DistantLight(light.direction, FULL - ambient, ambient))
