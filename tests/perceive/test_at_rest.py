@@ -15,6 +15,7 @@ from physgen.perceive.backends.boundary_support import support
 from physgen.perceive.document import write_scene
 from physgen.perceive.perceive import fit_objects, perceive
 from physgen.perceive.segment.prompts import from_masks
+from physgen.perceive.support.ground_contact import fit_rectangle
 from physgen.perceive.support.supports import depth_inside, free_parts
 
 W, H = 256, 192
@@ -176,3 +177,17 @@ def test_a_chain_is_cut_where_it_would_enter_something():
     )
     assert [p[0][0] for p in parts] == pytest.approx([0, 60, 95], abs=0.6)
     assert [p[-1][0] for p in parts] == pytest.approx([40, 85, 100], abs=0.6)
+
+
+def test_a_ragged_rectangle_is_a_box_and_a_trapezium_is_none():
+    rng = np.random.default_rng(1)
+    along = np.linspace(0, 1, 12)[:-1, None]
+    true = np.array([[20.0, 20], [44, 20], [44, 90], [20, 90]])
+    border = np.concatenate(
+        [a + along * (b - a) for a, b in zip(true, np.roll(true, -1, axis=0), strict=True)]
+    )
+    box = fit_rectangle(Region((Ring(border + rng.uniform(-0.4, 0.4, border.shape)),)))
+    assert box is not None
+    assert np.abs(np.sort(box.rings[0].outer, axis=0) - np.sort(true, axis=0)).max() < 0.6
+    slanted = np.array([[24.0, 20], [40, 20], [44, 90], [20, 90]])
+    assert fit_rectangle(Region((Ring(slanted),))) is None

@@ -43,6 +43,20 @@ def test_what_hangs_gets_a_ledge():
     assert min(x) < 300 < max(x)
 
 
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_leaning_plank_gets_its_wall(side):
+    a = np.radians(15)
+    turn = np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]])
+    points = block(-4, 0, 8, 120).rings[0].outer @ turn * (side, 1)
+    points = points - (0, points[:, 1].max()) + (200, 0)
+    walls, held = upholding([Region((Ring(points if side > 0 else points[::-1]),))])
+    (wall,) = walls
+    assert wall.name == "wall-1"
+    assert not held
+    x = wall.points[0][0]
+    assert x == pytest.approx(points[:, 0].max() if side > 0 else points[:, 0].min(), abs=0.05)
+
+
 def test_a_pile_of_a_hundred_blocks_ends():
     rng = np.random.default_rng(5)
     pile = [
@@ -69,9 +83,17 @@ def wedge_and_balls(side: int) -> list[Outline]:
 
 
 @pytest.mark.parametrize("side", [-1, 1])
-def test_balls_that_would_roll_stay(side):
-    upholding(wedge_and_balls(side))
+def test_balls_that_would_roll_get_a_stop_and_none_of_them_is_held(side):
+    outlines = wedge_and_balls(side)
+    walls, held = upholding(outlines)
+    assert not held
+    assert [wall.name for wall in walls] == ["stop-1"]
+    (x0, y0), (x1, y1) = walls[0].points
+    lower = outlines[2]
+    assert isinstance(lower, Disc)
+    assert x0 == x1 == pytest.approx(lower.center[0] + side * 15, abs=0.03)
+    assert min(y0, y1) < lower.center[1] < max(y0, y1)
 
 
-def test_a_ball_on_level_ground_gets_nothing():
+def test_a_ball_on_level_ground_gets_no_stop():
     assert upholding([Disc(np.array([50.0, -15.0]), 15.0)]) == ([], frozenset())

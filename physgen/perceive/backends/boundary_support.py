@@ -22,6 +22,7 @@ from physgen.perceive.support.ground_contact import (
     Foot,
     Line,
     find_foot,
+    fit_rectangles,
     floor_points,
     free_ends,
     group_feet,
@@ -44,6 +45,7 @@ GRIP = 1.25  # coefficient of friction over the slope that objects lie still on:
 ALIKE = 10.0  # CIE 1976 Lab distance up to which two strips are the same surface
 BEYOND = 0.04  # of the photo's width, that is compared on either side of a floor's end
 FADED = 0.35  # of the contrast across its edge within, at most, beyond a floor's end
+ROUNDING = 1e-3  # slope of a foot below which it is level
 
 
 def support() -> Boundary:
@@ -102,6 +104,10 @@ def lay_floors(rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject], groups:
     groups = [part for line, group in groups for part in split_group(line, group)]
     for line, group in groups:
         outlines |= level_feet(line, group)
+    objects = [replace(t, outline=outlines.get(t.id, t.outline)) for t in objects]
+    # a box stands level
+    askew = {t.id for t in objects if t.id in outlines and abs(find_foot(t).slope) > ROUNDING}
+    outlines |= {i: box for i, box in fit_rectangles(objects).items() if i not in askew}
     objects = [replace(t, outline=outlines.get(t.id, t.outline)) for t in objects]
     now = {t.id: t for t in objects}
     stand = [(line, [find_foot(now[f.item.id]) for f in group]) for line, group in groups]

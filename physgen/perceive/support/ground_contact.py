@@ -1,4 +1,4 @@
-"""Contact of objects with the ground: feet, common floor lines and level feet.
+"""Contact of objects with the ground: feet, common floor lines, level feet and rectangles.
 
 Image axes, px: the lowest point has the largest y. A floor is a chain of points, so that every object stands on it as
 it is in the photo: on the edge of its convex hull that its centre of mass is above, a ball on a level spot.
@@ -11,9 +11,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from math import radians, sin
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.geometry.convex import overlap_depth
 from physgen.geometry.polygon import (
     Array,
     Disc,
@@ -23,9 +25,11 @@ from physgen.geometry.polygon import (
     bounds,
     cross,
     mass_properties,
+    polygon_moments,
 )
 from physgen.geometry.simplify import crossings
 from physgen.perceive.roles import Labels, PhotoObject
+from physgen.perceive.support.equilibrium import contacts
 
 STEEP = 0.15  # slope above which a line is no level floor
 AGREE = 0.12  # between the slope of a line and that of what lies on it
@@ -66,7 +70,19 @@ class _LevelLimits:
     wide: float = 0.35  # share of its width that a flat foot has
 
 
-FOOT, LEVEL = _FootLimits(), _LevelLimits()
+@dataclass(frozen=True)
+class _BoxLimits:
+    """Which outlines are rectangles; px."""
+
+    covered: float = 0.97  # intersection over union of outline and rectangle
+    ragged: float = 1.5  # about a side, in which the border is that side's
+    upright: float = 0.5  # degrees off upright
+    # and 12 % of the shorter side at most, by which a corner is rounded or a side bulges
+    rounded: float = 3.0
+    overlap: float = 0.05  # with a neighbour
+
+
+FOOT, LEVEL, BOX = _FootLimits(), _LevelLimits(), _BoxLimits()
 
 
 @dataclass(frozen=True, eq=False)
@@ -483,3 +499,78 @@ def cradle(item: PhotoObject, center: Array, hull: Array) -> list[tuple[float, f
         xs = [ends[0], *inner[:, 0], ends[1]]
         chain = [(float(px), float(np.interp(px, hull[:, 0], hull[:, 1]))) for px in xs]
     return [rounded_down(float(px), py) for px, py in chain]
+
+
+# rectangles
+
+
+def fit_rectangles(objects: Sequence[PhotoObject]) -> dict[int, Outline]:
+    """Rectangles of four corners, by id, for objects that are rectangular and touch no other object.
+
+    Objects that touch share their borders: a rectangle would leave gaps or overlap.
+    """
+    outlines = [item.outline for item in objects]
+    touching = {k for contact in contacts(outlines, []) for k in (contact.body, contact.other)}
+    result: dict[int, Outline] = {}
+    boxes = np.array([bounds(outline) for outline in outlines]).reshape(-1, 4)
+    for k, item in enumerate(objects):
+        box = None if k in touching or item.cut else fit_rectangle(item.outline)
+        if box is not None:
+            x0, y0, x1, y1 = bounds(box)
+            apart = (boxes[:, :2] > (x1, y1)).any(axis=1) | (boxes[:, 2:] < (x0, y0)).any(axis=1)
+            near = [outlines[i] for i in np.flatnonzero(~apart).tolist() if i != k]
+            if all(overlap_depth(box, other) <= BOX.overlap for other in near):
+                result[item.id] = box
+    return result
+
+
+def fit_rectangle(outline: Outline) -> Region | None:
+    """The rectangle of the outline's area, with the height of its lowest corner; None where it is no rectangle."""
+    if isinstance(outline, Disc) or len(outline.rings) != 1 or outline.rings[0].holes:
+        return None
+    points = outline.rings[0].outer
+    (_, size, degrees) = cv2.minAreaRect(points.astype(np.float32))
+    off = (degrees + 45) % 90 - 45
+    angle = 0.0 if abs(off) <= BOX.upright else np.radians(off)
+    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    own = points @ turn.T
+    low, high = _sides(own)
+    if angle == 0.0:
+        high[1] = bounds(outline)[3]
+    width, height = high - low
+    if min(width, height) <= 2 * BOX.ragged:
+        return None
+    away = np.minimum(np.abs(own - low), np.abs(own - high)).min(axis=1)
+    corners = np.array([low, [high[0], low[1]], high, [low[0], high[1]]])
+    sharp = np.hypot(*(corners[:, None] - _dense(own)[None]).transpose(2, 0, 1)).min(axis=1)
+    if max(away.max(), sharp.max()) > min(BOX.rounded, 0.12 * min(size)):
+        return None
+    inside = np.clip(own, low, high)
+    shared, area = abs(polygon_moments(inside).area), abs(polygon_moments(own).area)
+    if shared / (area + width * height - shared) < BOX.covered:
+        return None
+    return Region((Ring(corners @ turn),))
+
+
+def _sides(own: Array) -> tuple[Array, Array]:
+    """`(2,)` each: the sides in the rectangle's own axes, at the mean of the border along each."""
+    dense = _dense(own)
+    low, high = dense.min(axis=0), dense.max(axis=0)
+    margin = 2 * BOX.ragged
+    for axis in (0, 1):
+        other = dense[:, 1 - axis]
+        within = (other > np.min(other) + margin) & (other < np.max(other) - margin)
+        ends = dense[:, axis] < low[axis] + margin, dense[:, axis] > high[axis] - margin
+        sides = [dense[within & end, axis] for end in ends]
+        if all(map(len, sides)):
+            low[axis], high[axis] = (float(side.mean()) for side in sides)
+    return low, high
+
+
+def _dense(points: Array) -> Array:
+    """The border of a ring, a point every half px or so."""
+    parts = []
+    for a, b in zip(points, np.roll(points, -1, axis=0), strict=True):
+        count = max(2, int(2 * np.hypot(*(b - a))))
+        parts.append(a + (b - a) * np.linspace(0, 1, count)[:, None])
+    return np.concatenate(parts)

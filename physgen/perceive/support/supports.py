@@ -1,14 +1,15 @@
-"""Extra ledges so that every object at rest stays at rest.
+"""Extra supports so that every object at rest stays at rest: ledges, walls to lean on and wedges.
 
 What a photo shows at rest is at rest. Where the balance of forces says that an object would fall, something unseen
-holds it: a short ledge that follows its underside. Where none fits in without entering other objects, or none is
-enough, the object itself is held.
+holds it; where no support fits in without entering other objects, the object itself is held. A round object that
+would roll away gets a wedge beside it: unlike a held object it still lets a push through, and it can be deleted.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -32,8 +33,15 @@ class _Limits:
     # counted on; less than most objects have, so that what stands so stands for sure
     wall_friction: float = 0.4
     object_friction: float = 0.25  # the same between objects
+    slender: float = 0.75  # height over width from which an object may be leaning, not lying askew
     many: int = 40  # objects, beyond which all that would fall get their ledges at once
     rounds: int = 5  # of that, after which what would still fall is held
+    from_below: float = 0.3  # sine of the angle by which a surface under an object faces up
+    lean: float = 0.35  # share of its height, from the top, in which an object leans against a neighbour
+    # degrees; upright first: they carry nothing
+    wedge_sides: tuple[float, ...] = (0.0, 180.0, 30.0, 150.0, 60.0, 120.0)
+    wedge_length: float = 0.4  # of the object's radius: half the length of a wedge
+    wedge_rest: float = 0.15  # of its radius: the least length of a wedge on either side of the contact
 
 
 LIMITS = _Limits()
@@ -56,28 +64,58 @@ def add_supports(
     chains = [np.array(wall.points) for wall in walls if wall.name != "frame"]
     on = [contact for chain in chains for contact in wall_contacts(outlines, boxes, chain)]
     known: dict[tuple[object, ...], list[int]] = {}
-    nested: set[int] = set()
+    tries: dict[int, int] = {}
     many = len(objects) > LIMITS.many
 
-    for times in range(LIMITS.rounds if many else 2 * len(objects) + 1):
+    def stands(found: Sequence[Contact], lost: int, chain: Array) -> bool:
+        more = [*found, *wall_contacts(outlines, boxes, chain)]
+        return len(unstable_objects(outlines, more, _friction(objects, more, grip), fixed)) < lost
+
+    def wall_of(kind: str, chain: Chain, confidence: float, reason: str) -> Wall:
+        name = f"{kind}-{1 + sum(wall.name.startswith(kind) for wall in added)}"
+        return Wall(name, tuple(chain), friction, elasticity, confidence, SOURCE, reason)
+
+    for times in range(LIMITS.rounds if many else 4 * len(objects) + 1):
         found = between + sorted(on, key=lambda contact: contact.body)
         lost = unstable_objects(outlines, found, _friction(objects, found, grip), fixed, known=known)
         if not lost:
             break
         # of many, all at once: what another's ledge would have held has one of its own then
         for k in lost if many else lost[:1]:
+            item = objects[k]
+            tries[k] = tries.get(k, 0) + 1
             others = [outline for i, outline in enumerate(outlines) if i != k]
-            chain = None if k in nested else _nest(objects[k], others)
-            if chain is None or (many and times == LIMITS.rounds - 1):
-                held.add(objects[k].id)
+            wall = None
+            if tries[k] == 1 and (chain := _wall_to_lean_on(item, found, k, others)):
+                reason = "an object leans to this side and would fall over: something upright is beside it"
+                wall = wall_of("wall", chain, 0.4, reason)
+            # an object that rolls off something seen needs no ledge under it
+            if wall is None and not many and (tries[k] == 3 or (tries[k] == 1 and _lies_on(found, k))):
+                chain = make_wedge(
+                    item, partial(free_parts, others=others), partial(stands, found, len(lost))
+                )
+                if chain:
+                    reason = "nothing seen keeps what lies here from rolling away, so a stop does; without it, it rolls"
+                    wall = wall_of("stop", chain, 0.3, reason)
+            if wall is None and tries[k] <= 2:
+                tries[k] = 2
+                if chain := _nest(item, others):
+                    reason = "nothing seen holds what lies here, so a short ledge does; without it, it falls"
+                    wall = wall_of("nest", chain, 0.3, reason)
+            if wall is None or (many and times == LIMITS.rounds - 1):
+                held.add(item.id)
                 fixed.add(k)
-                continue
-            nested.add(k)
-            reason = "nothing seen holds what lies here, so a short ledge does; without it, it falls"
-            name = f"nest-{len(added) + 1}"
-            added.append(Wall(name, tuple(chain), friction, elasticity, 0.3, SOURCE, reason))
-            on += wall_contacts(outlines, boxes, np.array(chain))
+            else:
+                added.append(wall)
+                on += wall_contacts(outlines, boxes, np.array(wall.points))
     return added, frozenset(held)
+
+
+def _lies_on(found: Sequence[Contact], k: int) -> bool:
+    """Whether something is under an object."""
+    return any(
+        c.normal[1] * (1 if c.body == k else -1) < -LIMITS.from_below for c in found if k in (c.body, c.other)
+    )
 
 
 def _friction(
@@ -97,6 +135,52 @@ def _nest(item: PhotoObject, others: Sequence[Outline]) -> Chain | None:
     chain = cradle(item, center, lower_hull(item.outline))
     parts = [p for p in free_parts(chain, others) if p[0][0] <= center[0] <= p[-1][0]]
     return parts[0] if parts else None
+
+
+def _wall_to_lean_on(
+    item: PhotoObject, found: Sequence[Contact], k: int, others: Sequence[Outline]
+) -> Chain | None:
+    """An upright wall beside the top of an object that stands on a wall and would tip over its edge."""
+    if isinstance(item.outline, Disc):
+        return None
+    feet = [float(c.point[0]) for c in found if c.body == k and c.other < 0 and c.normal[1] < -0.7]
+    center = mass_properties(item.outline).center
+    x0, y0, x1, y1 = bounds(item.outline)
+    if not feet or y1 - y0 < LIMITS.slender * (x1 - x0):
+        return None
+    side = 1 if center[0] > max(feet) else -1 if center[0] < min(feet) else 0
+    points = np.concatenate([ring.outer for ring in item.outline.rings])
+    x = x1 if side > 0 else x0
+    at = points[np.abs(points[:, 0] - x) < 0.5][:, 1]
+    if side == 0 or at.min() > y0 + LIMITS.lean * (y1 - y0):
+        return None
+    away = round(float(np.ceil(x * 100) if side > 0 else np.floor(x * 100)) / 100, 2)
+    chain = [(away, round(y0 - 2.0, 2)), (away, round(float(y1), 2))]
+    parts = [p for p in free_parts(chain, others) if p[0][1] <= at.min() <= p[-1][1]]
+    return parts[0] if parts else None
+
+
+def make_wedge(
+    item: PhotoObject, free: Callable[[Chain], list[Chain]], stands: Callable[[Array], bool]
+) -> Chain | None:
+    """The first wedge beside a round object that fits in and with which it stands.
+
+    `free` cuts off the parts of a chain that lie in other objects; `stands(wall)`: whether that wall helps.
+    """
+    outline = item.outline
+    if not isinstance(outline, Disc):
+        return None
+    for side in np.radians(LIMITS.wedge_sides):
+        way = np.array([np.cos(side), np.sin(side)])
+        along = np.array([-way[1], way[0]])
+        # rounding leaves a gap, not an overlap
+        at = outline.center + (outline.radius + 0.01) * way
+        reach = LIMITS.wedge_length * outline.radius * along
+        for part in free([(round(float(x), 2), round(float(y), 2)) for x, y in (at - reach, at + reach)]):
+            first, last = ((np.array(end) - at) @ along for end in (part[0], part[-1]))
+            if min(-first, last) >= LIMITS.wedge_rest * outline.radius and stands(np.array(part)):
+                return part
+    return None
 
 
 def free_parts(chain: Chain, others: Sequence[Outline]) -> list[Chain]:
