@@ -95,6 +95,7 @@ INTENDED: dict[str, str] = {
     "perceive/*/perceived.json": "the values that perception wrote, so that a refresh knows the user's",
     "perceive/*/files": "perceived.json is always written",
     "perceive/*/clean.png*": "as background.png",
+    "perceive/*/shadows.png*": "as background.png",
     "perceive/import-*/import/*": "as background.png",
     "perceive/*/scene.yaml": "masses of solids of revolution and the light from their normals move by 1 %",
     "perceive/*/messages": "warnings on shapes and background have gone",

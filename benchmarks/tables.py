@@ -369,8 +369,8 @@ def _gallery(rows: list[dict]) -> list[str]:
         "## Gallery",
         "",
         "Pages of many clips, opened from disk in headless Chromium, 1280 x 900; wall seconds, medians of five. A",
-        f"clip's poster takes {first['poster_kb']:g} kB, its strip of 16 frames {first['strip_kb']:g} kB; they lie",
-        "beside the page, or the posters inside it. opened: all that is in view is drawn; painted: the first of it.",
+        f"clip's poster takes {first['poster_kb']:g} kB; posters lie",
+        "beside the page, or inside it. opened: all that is in view is drawn; painted: the first of it.",
         "made: CPU seconds to write the page where the pictures are there; making them takes about 0.2 s a clip.",
         "",
         *_table(

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import shlex
 import shutil
 import tarfile
@@ -31,6 +32,7 @@ from physgen.problems import InputError, Problem
 from physgen.report.folders import atomic_folder, remove_leftovers_once
 
 DATASET_FILE, CARD = "dataset.json", "README.md"
+SHARD = re.compile(r"shard-\d{6}\.tar")
 ROWS, ABOUT = "metadata.jsonl", "clip.json"
 SIZES = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_000, "100K<n<1M"))
 """Size categories of the Hugging Face Hub."""
@@ -138,8 +140,6 @@ class Folders:
                 made.append(partial(path).replace(path))
             else:
                 partial(path).unlink(missing_ok=True)
-        if complete:
-            _remove_others(self._root.glob(f"*/{ROWS}"), made)
         return sorted(made)
 
     def strays(self) -> int:
@@ -211,7 +211,8 @@ class Shards:
             tar.close()
             Path(str(tar.name)).unlink(missing_ok=True)
         if complete:
-            _remove_others(self._root.glob("*/shard-*.tar"), paths)
+            found = (path for split in self._counts for path in (self._root / split).glob("shard-*.tar"))
+            _remove_others((path for path in found if SHARD.fullmatch(path.name)), paths)
         return sorted(paths)
 
     def strays(self) -> int:

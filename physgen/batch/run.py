@@ -31,6 +31,8 @@ from physgen.simulate.trajectory import read_trajectory
 from physgen.tables import Cell
 
 MANIFEST = "manifest.json"
+SENDING = ".sending.json"
+"""Names of a remote clip's files while it is replaced: what a killed run left is known by it."""
 MAX_FETCHED_BYTES = 200_000_000
 """Of a manifest or a trajectory."""
 
@@ -357,9 +359,9 @@ def unchanged_remote(job: Job, remote: RemoteFolder, scene: str) -> Done | None:
         return with_outcomes(done, file)
 
 
-def _read_manifest(remote: RemoteFolder) -> dict[str, Any] | None:
+def _read_manifest(remote: RemoteFolder, name: str = MANIFEST) -> dict[str, Any] | None:
     try:
-        manifest = json.loads(remote.read(MANIFEST, MAX_FETCHED_BYTES) or b"")
+        manifest = json.loads(remote.read(name, MAX_FETCHED_BYTES) or b"")
         return manifest if isinstance(manifest, dict) else None
     except ValueError:
         return None
@@ -381,12 +383,16 @@ def send_clip(folder: Path, remote: RemoteFolder, done: Done) -> None:
     files = {path.relative_to(folder).as_posix(): path for path in folder.rglob("*") if path.is_file()}
     manifest = files.pop(MANIFEST)
     old = remote.files()
-    ours = {MANIFEST, *files, *(old_manifest or {}).get("files", ())}
+    interrupted = _read_manifest(remote, SENDING) or {}
+    ours = {MANIFEST, SENDING, *(old_manifest or {}).get("files", ()), *interrupted.get("sending", ())}
     if strange := sorted(old.keys() - ours):
         found = ", ".join(strange[:3]) + (", ..." if len(strange) > 3 else "")
         expected = f"would be replaced, and holds {found}, which physgen did not make"
         raise InputError.of(remote.url, "", expected, "move it out, or choose another folder with -o")
-    remote.remove([MANIFEST])
+    names = sorted({*files, *(old.keys() - {MANIFEST, SENDING})})
+    remote.write(SENDING, json.dumps({"sending": names}).encode())
+    remote.remove([MANIFEST] if MANIFEST in old else [])
     remote.send(files)
-    remote.remove([name for name in old if name not in (*files, MANIFEST)])
+    remote.remove([name for name in old if name not in (*files, MANIFEST, SENDING)])
     remote.write(MANIFEST, manifest.read_bytes())
+    remote.remove([SENDING])

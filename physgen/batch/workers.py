@@ -71,7 +71,8 @@ class Child:
             result, error = self.line.recv()
         except (EOFError, OSError):
             code = self._process.wait()
-            how = f"ended by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
+            names = {int(one): one.name for one in signal.Signals}
+            how = f"ended by {names.get(-code, -code)}" if code < 0 else f"ended with exit code {code}"
             raise LostError(f"its process {'was ' * (code < 0)}{how}") from None
         if error is not None:
             raise error

@@ -15,7 +15,7 @@ from physgen.cli.output import OK, Bar, print_error, print_line
 from physgen.cli.perceive import add_backends
 from physgen.problems import InputError
 
-NEEDED = ("fastapi", "uvicorn")
+NEEDED = ("fastapi", "filelock", "uvicorn")
 SCENES = (".yaml", ".yml")
 SIGNS = re.compile(r"""^\s*\{?\s*["']?(physgen|extends|image|size|world|objects)["']?\s*:""", re.MULTILINE)
 """A key of the top level of a scene, by which a text is recognised as one."""

@@ -14,7 +14,7 @@ from physgen.problems import InputError
 def pack(options: argparse.Namespace) -> int:
     from physgen.pipeline import output_name
     from physgen.scene.pack import pack_scene
-    from physgen.scene.unpack import MAGIC, SUFFIX
+    from physgen.scene.unpack import SUFFIX, is_ours
 
     output = options.output
     if output is not None and (output.suffix != SUFFIX or output.is_dir()):
@@ -23,7 +23,7 @@ def pack(options: argparse.Namespace) -> int:
     if output is None:
         output = Path(f"{output_name(options.scene, None)}{SUFFIX}")
     output.parent.mkdir(parents=True, exist_ok=True)
-    if output.is_file() and not output.read_bytes().startswith(MAGIC):
+    if output.is_file() and not is_ours(output):
         back_up(output, print_backup)
     write_atomic(output, data)
     print(output)

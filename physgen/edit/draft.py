@@ -69,7 +69,8 @@ class Draft:
         try:
             self._lock.acquire()
         except Timeout:
-            raise BusyError((self.folder / "address").read_text("utf-8")) from None
+            address = self.folder / "address"  # not there while the other one starts
+            raise BusyError(address.read_text("utf-8") if address.is_file() else "") from None
 
     def _strange(self, what: str) -> InputError:
         return InputError.of(str(self.folder), "", what, "move the folder away, or remove it")
@@ -113,6 +114,10 @@ class Draft:
                     shutil.rmtree(path, ignore_errors=True)
         else:
             shutil.rmtree(self.folder, ignore_errors=True)
+        self.release()
+
+    def release(self) -> None:
+        """Leave the folder, as it is, to others."""
         self._lock.release()
 
 

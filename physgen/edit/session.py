@@ -141,7 +141,7 @@ class Session:
         try:
             found = self.draft.load()
         except InputError:
-            self.draft.close({0})
+            self.draft.release()
             raise
         self.saved = State(text)
         """What the file held when it was read or written last."""

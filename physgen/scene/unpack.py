@@ -74,6 +74,13 @@ def is_pack(path: Path) -> bool:
         return False
 
 
+def is_ours(path: Path) -> bool:
+    """Whether a file begins as `physgen pack` writes it."""
+    with path.open("rb") as file:
+        head = file.read(30 + len(CONTENTS))  # a zip's local header, then the name of its first member
+    return head.startswith(MAGIC) and head[30:] == CONTENTS.encode()
+
+
 def fault_of(name: str) -> tuple[str, str] | None:
     """What is wrong with the name of a file or a folder, and the fix: it must mean the same below any folder."""
     if not name or not name.isprintable():

@@ -78,12 +78,23 @@ def test_what_is_not_whole_there_is_made_again(store, lesson: Path, capsys, harm
     elif harm == "unsent":  # killed while files changed
         store.rm_file("/clips/lesson/manifest.json")
         store.pipe_file("/clips/lesson/video.mp4", b"half")
+        store.pipe_file(
+            "/clips/lesson/.sending.json", b'{"sending": ["video.mp4", "trajectory.npz", "video.gif"]}'
+        )
+        store.pipe_file("/clips/lesson/video.gif", b"of an earlier format")
     else:
         lesson.write_text(lesson.read_text() + "# another\n")
     assert rendered(capsys, *flags) == {"memory://clips/lesson": "made"}
     assert store.cat_file("/clips/lesson/video.mp4") == whole
     names = [name.rpartition("/")[2] for name in store.find("/clips/lesson")]
     assert sorted(names) == ["manifest.json", "trajectory.npz", "video.mp4"]
+
+
+def test_files_of_others_are_never_replaced(store, lesson: Path, capsys) -> None:
+    store.pipe_file("/clips/lesson/video.mp4", b"theirs")
+    assert main(["render", "--report", "none", str(lesson), "-o", "memory://clips"]) == 2
+    assert "holds video.mp4, which physgen did not make" in capsys.readouterr().err
+    assert store.cat_file("/clips/lesson/video.mp4") == b"theirs"
 
 
 def test_a_clip_is_not_there_before_all_of_it_is(store, lesson: Path, monkeypatch) -> None:
@@ -243,7 +254,7 @@ def test_a_place_that_cannot_be_written_is_one_failed_clip(store, lesson: Path, 
     said = capsys.readouterr()
     assert said.out == ""
     assert said.err == (
-        f"{lesson}: failed: memory://clips/lesson/manifest.json: LookupError: no credentials\n"
+        f"{lesson}: failed: memory://clips/lesson/.sending.json: LookupError: no credentials\n"
     )
 
 
