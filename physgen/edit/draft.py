@@ -65,7 +65,8 @@ class Draft:
             raise InputError.of(str(path), "", f"cannot have a draft beside it: {reason}", fix) from None
         if self.folder.is_symlink() or found.st_uid != os.getuid() or found.st_mode & 0o077:
             raise self._strange("is a draft of another user or machine")
-        self._lock = FileLock(self.folder / "lock", timeout=0)
+        self._lock_file = self.folder / "lock"
+        self._lock = FileLock(self._lock_file, timeout=0)
         try:
             self._lock.acquire()
         except Timeout:
@@ -86,7 +87,10 @@ class Draft:
 
     def store(self, unsaved: Unsaved) -> None:
         """Write it to the disk; what was stored before stays until this is complete. Raises OSError."""
-        self.folder.mkdir(mode=0o700, exist_ok=True)
+        if not self._lock_file.exists():  # the folder was removed: hold the new one, too
+            self.folder.mkdir(mode=0o700, exist_ok=True)
+            self._lock.release()
+            self._lock.acquire()
         write_atomic(self._file, unsaved.model_dump_json().encode())
 
     def clear(self) -> None:
@@ -143,6 +147,17 @@ def write_durably(path: Path, data: bytes) -> None:
 
 
 # Maps
+
+
+def same_maps(one: Path, other: Path) -> bool:
+    """Whether two folders hold the same maps, byte for byte."""
+    return all(map_bytes(one, name) == map_bytes(other, name) for name in MAPS)
+
+
+def map_bytes(folder: Path, name: str) -> bytes | None:
+    """A map's file; None where the folder has none of the name."""
+    path = folder / f"{name}.png"
+    return path.read_bytes() if path.is_file() else None
 
 
 def install(source: Path | None, folder: Path) -> None:

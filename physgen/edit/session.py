@@ -16,7 +16,15 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field
 
 from physgen.edit.corrections import correct
-from physgen.edit.draft import Draft, Unsaved, draft_folder, install, write_durably
+from physgen.edit.draft import (
+    Draft,
+    Unsaved,
+    draft_folder,
+    install,
+    map_bytes,
+    same_maps,
+    write_durably,
+)
 from physgen.edit.errors import EditError, Why, impossible
 from physgen.edit.live import Live, Pictures, mask_png, photo_png
 from physgen.edit.masks import PromptSegmenter
@@ -148,6 +156,7 @@ class Session:
         states = [self.saved]
         if found is not None and (found.text, found.maps) != (found.saved, found.saved_maps):
             self.saved = State(found.saved, found.saved_maps)
+            self._undo_half_a_save(found)
             states = [State(found.saved if gone else text, found.saved_maps)]
             states.append(State(found.text, found.maps, "the edits of last time"))
         self.history = History(states)
@@ -157,6 +166,16 @@ class Session:
         self.live = Live(path, allow_outside)
         self.pictures = Pictures(self.live)
         self._stamp = self._read = file_stamp(self.real)
+
+    def _undo_half_a_save(self, found: Unsaved) -> None:
+        """Where an editor was killed between the maps and the text: the maps of the text that the file holds."""
+        with suppress(EditError, OSError):
+            folder = _assets(found.saved, self.path.absolute().parent, self.allow_outside)
+            before, after = self.draft.maps(found.saved_maps), self.draft.maps(found.maps)
+            if folder is None or before == after or not (before.is_dir() and after.is_dir()):
+                return
+            if same_maps(folder, after):
+                install(before, folder)
 
     @property
     def now(self) -> State:
@@ -270,6 +289,7 @@ class Session:
         with self._edits:
             now = self._current(request)
             text, maps = self._present()
+            self._keep_maps(anew=now.maps == self.saved.maps)
             number = self.draft.new_maps()
             out = self.draft.maps(number)
             try:
@@ -387,9 +407,10 @@ class Session:
             if folder != own and any(os.path.lexists(folder / f"{name}.png") for name in MAPS):
                 fix = "name a folder that is not there yet, or that which the scene had"
                 raise impossible(f"assets: {folder.name} holds maps of something else", fix)
-            before = self.draft.maps(self.saved.maps)
-            if not before.is_dir():
-                install(own, before)  # for an undo
+            before, after = self._keep_maps(), self.draft.maps(now.maps)
+            for name in MAPS:  # what another program painted since is kept as NAME~
+                if map_bytes(folder, name) not in (None, map_bytes(before, name), map_bytes(after, name)):
+                    back_up(folder / f"{name}.png")
             try:
                 install(self.draft.maps(now.maps), folder)
                 self._write_text()
@@ -398,6 +419,20 @@ class Session:
                     install(before, folder)
                 raise
         self._set_saved(State(now.text, now.maps))
+
+    def _keep_maps(self, *, anew: bool = False) -> Path:
+        """A copy of the maps as they were saved last, for an undo; `anew`: as the scene's folder has them now."""
+        kept = self.draft.maps(self.saved.maps)
+        if anew or not kept.is_dir():
+            own = None
+            with suppress(EditError):
+                own = _assets(self.saved.text, self.path.absolute().parent, self.allow_outside)
+            beside = kept.with_name(f".{kept.name}")
+            shutil.rmtree(beside, ignore_errors=True)
+            install(own, beside)
+            shutil.rmtree(kept, ignore_errors=True)
+            beside.rename(kept)
+        return kept
 
     def _write_text(self) -> None:
         write_durably(self.real, (codecs.BOM_UTF8 if self._bom else b"") + self.now.text.encode())

@@ -117,11 +117,13 @@ def test_a_draft_that_cannot_be_read_is_named_and_kept(data, scene) -> None:
     folder = draft_folder(scene)
     folder.mkdir(0o700)
     (folder / "draft.json").write_bytes(data)
+    (folder / "maps-1").mkdir()
     for _ in range(2):
         with pytest.raises(InputError, match="a draft of another version") as error:
             Session(scene)
         assert error.value.problems[0].fix
         assert (folder / "draft.json").read_bytes() == data
+        assert (folder / "maps-1").is_dir()
 
 
 def test_a_draft_that_came_with_the_scene_leads_nowhere(scene, tmp_path) -> None:
@@ -211,3 +213,12 @@ def test_a_file_that_another_program_changed_meanwhile_is_asked_about(
     assert again.send("/api/save").status_code == 409
     assert again.send("/api/save", resolve="theirs").status_code == 200
     assert (again.state["text"], first.scene.read_text()) == (theirs, theirs)
+
+
+def test_a_draft_that_was_removed_is_made_anew_and_held(scene) -> None:
+    session = Session(scene)
+    shutil.rmtree(draft_folder(scene))
+    write(session, TEXT + "# more\n")
+    with pytest.raises(BusyError):
+        Draft(scene)
+    session.close()

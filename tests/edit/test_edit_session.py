@@ -19,6 +19,7 @@ from served import Killable, Served
 
 from physgen.cli.edit import edit as _edit  # noqa: F401 the command imports without the server
 from physgen.cli.main import main
+from physgen.edit import session
 
 Serve = Callable[..., Served]
 
@@ -280,6 +281,47 @@ def test_maps_and_text_are_written_both_or_neither(serving: Serve, disc: Path, m
     monkeypatch.undo()
     assert served.send("/api/save").status_code == 200
     assert maps_of(assets) != before
+
+
+def test_maps_that_another_program_painted_are_kept(serving: Serve, disc: Path) -> None:
+    served = serving(disc)
+    masks = served.scene.with_name("photo.assets") / "masks.png"
+    erased(served)
+    painted = masks.read_bytes() + b"\n"
+    masks.write_bytes(painted)
+    assert served.send("/api/save").status_code == 200
+    assert masks.read_bytes() != painted
+    assert masks.with_name("masks.png~").read_bytes() == painted
+
+
+def test_killed_between_maps_and_text_the_two_fit_when_it_is_opened_again(
+    serving: Serve, disc: Path, monkeypatch
+) -> None:
+    assets, text = disc.with_name("photo.assets"), disc.read_text()
+    before = maps_of(assets)
+    first = serving(disc)
+    erased(first)
+    mine = first.state["text"]
+    real, after = session.write_durably, disc.parent.with_name("after")
+
+    def cut(path: Path, data: bytes) -> None:
+        if path.name != "scene.yaml":
+            real(path, data)
+            return
+        shutil.copytree(path.parent, after, symlinks=True)
+        raise OSError(5, "cut")
+
+    monkeypatch.setattr(session, "write_durably", cut)
+    first.send("/api/save")
+    monkeypatch.undo()
+    assert maps_of(after / "photo.assets") != before  # as the power left it: new maps, old text
+    assert (after / "scene.yaml").read_text() == text
+    again = serving(after / "scene.yaml")
+    assert again.look()["text"] == mine
+    assert maps_of(after / "photo.assets") == before
+    again.send("/api/undo")
+    assert again.state["text"] == text
+    assert again.state["file"]["saved"]
 
 
 # The command
