@@ -18,6 +18,8 @@ WRONG_INPUT = 2
 FORMATS = ("mp4", "gif", "webp", "png")
 REMOVED = {
     "--answers": "name the model as the backend physics=vlm",
+    "--allow-outside": "copy the files below the scene's folder",
+    "--columns": "leave it out",
     "--dark": "figures have white paper",
     "--fallback": "choose another --backend where one fails",
     "--no-fallback": "leave it out, nothing falls back",
@@ -30,6 +32,7 @@ REMOVED = {
     "--pushed": "name the object with --held",
     "--save-answers": "--json has them",
     "--shard-size": "write --shard-clips",
+    "--single-file": "render --single-file embeds a clip's video in its report",
     "--ship": "share a folder, or name scenes and results by URL",
     "--si": "axes are in SI where the scene has a scale",
     "--truth": "run python benchmarks/run.py properties",

@@ -145,17 +145,18 @@ def _picture(name: str, title: str, caption: str, rgb: U8, alt: str = "") -> Pic
 
 def sheet(found: Perception) -> U8:
     """(H, W, 3) sRGB: all pictures in rows of SHEET_ROW, each below its title."""
-    pictures = [*found.pictures, *(side for pair in found.comparisons for side in (pair.before, pair.after))]
+    sides = [side for pair in found.comparisons for side in (pair.before, pair.after)]
+    shown = [(one.title, one) for one in found.pictures] + [(side.alt, side) for side in sides]
     width = max(picture.width for picture in found.pictures)
-    small = [fitted(picture.rgb, max(found.pictures[0].rgb.shape[:2])) for picture in pictures]
+    small = [fitted(picture.rgb, max(found.pictures[0].rgb.shape[:2])) for _, picture in shown]
     height = max(rgb.shape[0] for rgb in small) + 2 * LETTER
     rows = -(-len(small) // SHEET_ROW)
     page = np.full((rows * height, min(len(small), SHEET_ROW) * width, 3), 24, np.uint8)
     titles = Layer((page.shape[1], page.shape[0]), 0.8)
-    for k, (picture, rgb) in enumerate(zip(pictures, small, strict=True)):
+    for k, ((title, _), rgb) in enumerate(zip(shown, small, strict=True)):
         y, x = k // SHEET_ROW * height, k % SHEET_ROW * width
         page[y + 2 * LETTER : y + 2 * LETTER + rgb.shape[0], x : x + rgb.shape[1]] = rgb
-        titles.words(picture.title, (x + width / 2, y + LETTER), LETTER)
+        titles.words(title, (x + width / 2, y + LETTER), LETTER)
     titles.onto(page, WHITE)
     return page
 

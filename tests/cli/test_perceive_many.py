@@ -27,6 +27,7 @@ def told(*arguments: str) -> int:
     return main(["perceive", *arguments, "--backend", "segment=learned"])
 
 
+@pytest.mark.slow
 def test_each_photo_becomes_the_scene_that_it_becomes_alone(photos, tmp_path: Path, capsys):
     assert told(*photos, "-o", str(tmp_path / "all")) == 0
     assert capsys.readouterr().out.split() == [str(tmp_path / "all" / f"{name}.yaml") for name in "ab"]
@@ -71,6 +72,7 @@ def test_two_photos_of_one_name_are_refused(photos, tmp_path: Path, capsys):
     assert '"a" is the name of two photos; rename one' in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_photos_of_one_name_go_by_their_folders(photos, tmp_path: Path):
     paths = [tmp_path / name / "photo.png" for name in ("cups", "pool")]
     for path, photo in zip(paths, photos, strict=True):

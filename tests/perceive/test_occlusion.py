@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import cv2
@@ -89,8 +90,9 @@ def test_what_a_person_set_stays_and_the_rest_follows() -> None:
     assert level == {3: 6}
 
 
-@pytest.fixture
-def scene(tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def perceived(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    tmp_path = tmp_path_factory.mktemp("perceived")
     labels = painted(box(60, 60, 180, 110), disc(90, 105, 20), disc(150, 105, 20))
     colours = np.array([(190, 186, 176), (40, 60, 170), (170, 40, 40), (30, 120, 60)], np.uint8)
     cv2.imwrite(str(tmp_path / "photo.png"), colours[labels][..., ::-1])
@@ -98,7 +100,13 @@ def scene(tmp_path: Path) -> Path:
     path = tmp_path / "scene.yaml"
     options = ["--masks", str(tmp_path / "marked.png"), "-o", str(path)]
     assert main(["perceive", str(tmp_path / "photo.png"), *options]) == 0
-    return path
+    return tmp_path
+
+
+@pytest.fixture
+def scene(perceived: Path, tmp_path: Path) -> Path:
+    shutil.copytree(perceived, tmp_path, dirs_exist_ok=True)
+    return tmp_path / "scene.yaml"
 
 
 def of(path: Path) -> dict[int, int]:

@@ -105,6 +105,7 @@ MASKS = (
 )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shown", MASKS, ids=lambda shown: shown.__name__)
 def test_a_sensible_scene_comes_of_odd_masks_and_stands_still(shown, tmp_path: Path) -> None:
     labels = shown()

@@ -69,6 +69,7 @@ def overlap(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:
     return float((a & b).sum() / (a | b).sum())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("draw", [balls, crates])
 @pytest.mark.parametrize("by", [(0.1, 0.1, 0.1, 0.1), (0.1, -0.06, -0.06, 0.1)], ids=["loose", "off"])
 def test_a_box_drawn_by_hand(draw: Callable[[], Photo], by: Sides) -> None:

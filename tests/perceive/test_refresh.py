@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from pathlib import Path
 
 import cv2
@@ -23,9 +24,10 @@ BOX = (146.0, 38.0, 8.0, 74.0)
 """About nothing whole: a strip through the second ball."""
 
 
-@pytest.fixture
-def scene(tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def perceived(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Three balls on paper, masks given; the second one's mask is wrong: a bar through its middle."""
+    tmp_path = tmp_path_factory.mktemp("perceived")
     y, x = np.mgrid[:140, :300]
     rgb = np.full((140, 300, 3), (190, 186, 176), np.uint8)
     labels = np.zeros((140, 300), np.uint8)
@@ -41,7 +43,14 @@ def scene(tmp_path: Path) -> Path:
     path = tmp_path / "scene.yaml"
     options = ["--masks", str(tmp_path / "marked.png"), "--label", "*=ball"]
     assert main(["perceive", str(tmp_path / "photo.png"), *options, "-o", str(path)]) == 0
-    return path
+    return tmp_path
+
+
+@pytest.fixture
+def scene(perceived: Path, tmp_path: Path) -> Path:
+    """A copy of `perceived` for one test."""
+    shutil.copytree(perceived, tmp_path, dirs_exist_ok=True)
+    return tmp_path / "scene.yaml"
 
 
 def refreshed(scene: Path, *options: str) -> tuple[Scene, NDArray[np.uint16]]:

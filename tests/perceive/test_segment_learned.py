@@ -37,6 +37,7 @@ def many() -> np.ndarray:
     return tray
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "photo",
     [
