@@ -200,7 +200,10 @@ def from_clip(folder: Path) -> Tracks:
         if world is not None and tuple(body.name for body in world.bodies) == names:
             return from_world(name, world, times, poses)
     view = View(str(manifest.document.get("world", {}).get("view", "side")))
-    forms, about = (Outline(0.0, 0.0),) * len(names), "poses without outlines: the scene is missing or has changed"
+    forms, about = (
+        (Outline(0.0, 0.0),) * len(names),
+        "poses without outlines: the scene is missing or has changed",
+    )
     return Tracks(name, times, names, poses[..., :2], poses[..., 2], forms, view, LIMITS.exact, about)
 
 
