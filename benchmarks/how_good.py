@@ -61,7 +61,7 @@ def physics(rows: Any) -> list[Row]:
             "Is the motion true?",
             found,
             "not measured",
-            "`physgen evaluate physics` ([physics.md](physics.md))",
+            "`python benchmarks/closed_forms.py` ([physics.md](physics.md))",
         )
     ]
 

@@ -1,10 +1,8 @@
-"""The closed forms that the engine is held to, by number: `physgen evaluate physics` runs them."""
+"""The closed forms that the engine is held to, by number: `python benchmarks/closed_forms.py` runs them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-
-from physgen.evaluate.physics import Row, scene_file, scene_of
 
 from . import (
     barriers,
@@ -19,6 +17,7 @@ from . import (
     stacks,
     tabletop,
 )
+from .scorecard import Row, scene_file, scene_of
 
 _GROUPS = (falling, sliding, rolling, impacts, conserved, barriers, tabletop, stacks, forces, joints, energy)
 ROWS: tuple[Row, ...] = tuple(

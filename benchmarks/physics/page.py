@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from physgen.evaluate.physics import quantity
+from .scorecard import quantity
 
 HEAD = """\
 # Physics
@@ -13,7 +13,7 @@ HEAD = """\
 Written by `python benchmarks/run.py physics` from `benchmarks/results/physics.json`; do not edit.
 
 What physgen simulates against what is known in closed form. Each row is a scene file, run as any
-other is: `physgen evaluate physics` runs them all and exits with 1 where a bar is missed. The
+other is: `python benchmarks/closed_forms.py` runs them all and exits with 1 where a bar is missed. The
 parameters of a row are drawn at random five times, from fixed seeds, and the worst counts. Errors
 are at default settings, 960 steps a second; the columns behind show how the error of the first draw
 changes with the steps. The numbers in the first column lead to the scenes of the first draw, which

@@ -10,12 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from physgen.compile.world import World
-from physgen.evaluate import physics as scorecard
-from physgen.evaluate.physics import DRAWS, Row, run_draw, write_scenes
 from physgen.simulate.trajectory import Trajectory
 
 from . import ROWS, examples
 from .engines import ENGINES, Unsupported, make
+from .scorecard import DRAWS, Row, evaluate, run_draw, write_scenes
 
 ROOT = Path(__file__).resolve().parents[2]
 RESULT = ROOT / "benchmarks" / "results" / "physics.json"
@@ -31,7 +30,7 @@ def physics(folder: Path) -> list[dict]:
         old.unlink()
     for name, text in examples():
         (scenes / name).write_text(text)
-    rows = scorecard.evaluate(Path(__file__).parent, ROWS, workers=os.cpu_count() or 1)
+    rows = evaluate(ROWS, workers=os.cpu_count() or 1)
     before = json.loads(RESULT.read_text())["rows"] if RESULT.exists() else []
     known = {
         (row["name"], m["name"]): m["rivals"] for row in before for m in row["measures"] if "rivals" in m

@@ -35,9 +35,10 @@ REMOVED = {
     "--single-file": "render --single-file embeds a clip's video in its report",
     "--ship": "share a folder, or name scenes and results by URL",
     "--si": "axes are in SI where the scene has a scale",
+    "physics": "run python benchmarks/closed_forms.py in a checkout",
     "--truth": "run python benchmarks/run.py properties",
 }
-"""Flags of the version before, with what to use in their place; for one version."""
+"""Flags and measures of the version before, with what to use in their place; for one version."""
 CURVES = ("x", "y", "speed", "angle")
 
 
@@ -104,7 +105,9 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Print the message and a hint; for a word that is none of several, the nearest of them."""
         wrong = re.fullmatch(r"argument ([^:]+): invalid choice: '([^']+)' \(choose from (.+)\)", message)
-        if wrong is not None:
+        if wrong is not None and wrong[2] in REMOVED:
+            message = f"{wrong[2]} was removed; {REMOVED[wrong[2]]}"
+        elif wrong is not None:
             close = get_close_matches(wrong[2], [word.strip(" '") for word in wrong[3].split(",")], 1, 0.6)
             if close:
                 message = f"argument {wrong[1]}: invalid choice: '{wrong[2]}', did you mean {close[0]}?"
@@ -254,14 +257,6 @@ def numbers(text: str) -> list[int]:
     """`0,3,6` -> whole numbers; empty where the text is no such list."""
     parts = [part.strip() for part in text.split(",") if part.strip()]
     return [int(part) for part in parts] if all(part.isdecimal() and len(part) < 7 for part in parts) else []
-
-
-def rows(text: str) -> list[int]:
-    """`1,5,12` -> numbers of rows."""
-    found = numbers(text)
-    if not found:
-        raise argparse.ArgumentTypeError(f"{text} is not a list of numbers, e.g. 1,5,12")
-    return found
 
 
 def speeds(text: str) -> list[float]:

@@ -10,7 +10,6 @@ from physgen.cli.measures import (
     fid,
     fidelity,
     leaderboard,
-    physics,
     plausibility,
     properties,
     runtime,
@@ -19,7 +18,6 @@ from physgen.cli.measures import (
 )
 
 MEASURES = {
-    "physics": physics,
     "fidelity": fidelity,
     "segmentation": segmentation,
     "plausibility": plausibility,

@@ -121,7 +121,7 @@ def schema(options: argparse.Namespace) -> int:
 EVALUATE = Command(
     "evaluate",
     "Measures the accuracy of physgen. Exit code 1 when a limit is missed.",
-    "physgen evaluate physics --rows 1,5,12",
+    "physgen evaluate segmentation photos",
     add_evaluate,
     evaluate.evaluate,
 )

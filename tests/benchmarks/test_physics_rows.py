@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 from physics import ROWS
-
-from physgen.evaluate.physics import DRAWS, Row, record, run_draw, scene_file, scene_of, write_scenes
+from physics.scorecard import DRAWS, Row, record, run_draw, scene_file, scene_of, write_scenes
 
 pytestmark = pytest.mark.slow
 

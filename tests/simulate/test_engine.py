@@ -1,4 +1,4 @@
-"""The engine in small worlds built by hand. `physgen evaluate physics` holds it to the closed forms."""
+"""The engine in small worlds built by hand. benchmarks/physics holds it to the closed forms."""
 
 from __future__ import annotations
 

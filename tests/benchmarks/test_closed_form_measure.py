@@ -1,4 +1,4 @@
-"""`physgen evaluate physics` as a person runs it; its JSON, page and scenes as they are committed."""
+"""`python benchmarks/closed_forms.py` as a person runs it; its JSON, page and scenes as they are committed."""
 
 from __future__ import annotations
 
@@ -8,15 +8,14 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import closed_forms
 import numpy as np
+import physics
 import pytest
+from closed_forms import main
 from physics import ROWS, examples
 from physics.page import page
-
-from physgen import pipeline
-from physgen.cli.main import main
-from physgen.evaluate.measure import text
-from physgen.evaluate.physics import (
+from physics.scorecard import (
     Case,
     Measure,
     Row,
@@ -29,9 +28,12 @@ from physgen.evaluate.physics import (
     write_scenes,
 )
 
+from physgen import pipeline
+from physgen.cli.main import main as physgen
+from physgen.evaluate.measure import text
+
 ROOT = Path(__file__).resolve().parents[2]
-FORMS = ROOT / "benchmarks" / "physics"
-QUICK = ["evaluate", "physics", "--rows", "1,6", "--draws", "1", "--no-convergence", "--jobs", "1"]
+QUICK = ["--rows", "1,6", "--draws", "1", "--no-convergence", "--jobs", "1"]
 
 
 def test_table_on_stdout_and_nothing_on_stderr(capsys) -> None:
@@ -46,7 +48,7 @@ def test_table_on_stdout_and_nothing_on_stderr(capsys) -> None:
 
 
 def test_json(capsys) -> None:
-    assert main(["evaluate", "physics", "--rows", "5", "--draws", "1", "--jobs", "1", "--json"]) == 0
+    assert main(["--rows", "5", "--draws", "1", "--jobs", "1", "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["passed"] is True
     [row] = result["rows"]
@@ -60,48 +62,33 @@ def test_json(capsys) -> None:
     assert measure["worst"] == "draw 1"
 
 
-def test_a_missed_bar_exits_1(tmp_path: Path, capsys) -> None:
-    """Rows of a file of one's own."""
-    own = tmp_path / "own.py"
-    own.write_text(
-        "from physgen.evaluate.physics import Case, Measure, Row\n"
-        "SCENE = {'physgen': 1, 'size': [90, 90], 'world': {'duration': 0.1},\n"
-        "         'objects': {'ball': {'shape': {'circle': {'center': [40, 20], 'radius': 8}}}}}\n"
-        "def cases(draw):\n"
-        "    return [Case(SCENE, lambda run: {'hover': abs(run.trajectory.poses[-1, 0, 1] - 20)})]\n"
-        "ROWS = (Row(7, 'hover', 'a ball that hovers', 'y = 0', '', '', (Measure('hover', 1e-3),), cases),)\n"
-    )
-    assert main(["evaluate", "physics", str(own), "--draws", "1", "--no-convergence", "--jobs", "1"]) == 1
+def test_a_missed_bar_exits_1(monkeypatch, capsys) -> None:
+    fall = replace(ROWS[0], measures=(Measure("fall", -1.0),))
+    monkeypatch.setattr(physics, "ROWS", (fall,))
+    monkeypatch.setattr(closed_forms, "ROWS", (fall,))
+    assert main(["--draws", "1", "--no-convergence", "--jobs", "1"]) == 1
     printed = capsys.readouterr().out
     assert "FAIL" in printed
     assert "0 of 1 rows pass." in printed
-    assert main(["evaluate", "physics", str(tmp_path / "none.py")]) == 2
-    assert "holds no closed forms" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    "flags", [["--rows", "99"], ["--rows", "one"], ["--draws", "0"], ["--json", "--markdown"]]
-)
-def test_bad_use_exits_2(flags: list[str], capsys) -> None:
-    try:
-        code = main(["evaluate", "physics", *flags])
-    except SystemExit as stop:
-        code = stop.code
-    assert code == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert len(said.err.splitlines()) == 1
+def test_an_unknown_row_is_refused(capsys) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(["--rows", "99"])
+    assert stop.value.code == 2
+    assert "99 is no row" in capsys.readouterr().err
 
 
-def test_a_file_is_no_folder(tmp_path: Path, capsys) -> None:
-    (tmp_path / "taken").write_text("")
-    assert main([*QUICK, "-o", str(tmp_path / "taken")]) == 2
-    assert "taken: is a file; name a folder with -o" in capsys.readouterr().err
+def test_the_command_of_before_names_its_place(capsys) -> None:
+    with pytest.raises(SystemExit) as stop:
+        physgen(["evaluate", "physics"])
+    assert stop.value.code == 2
+    assert "physics was removed; run python benchmarks/closed_forms.py" in capsys.readouterr().err
 
 
 def test_scenes_are_kept_and_can_be_rendered(tmp_path: Path, capsys) -> None:
     folder = tmp_path / "kept"
-    assert main([*QUICK[:3], "39", "--draws", "2", *QUICK[-3:], "-o", str(folder)]) == 0
+    assert main(["--rows", "39", "--draws", "2", *QUICK[-3:], "-o", str(folder)]) == 0
     assert sorted(p.name for p in folder.iterdir()) == ["39-falling-over-draw-2.yaml", "39-falling-over.yaml"]
     text = (folder / "39-falling-over.yaml").read_text()
     assert text.startswith("# Row 39 of the physics scorecard: plank falling over")
@@ -110,13 +97,13 @@ def test_scenes_are_kept_and_can_be_rendered(tmp_path: Path, capsys) -> None:
     capsys.readouterr()
     out = tmp_path / "out"
     scene = str(folder / "39-falling-over.yaml")
-    assert main(["render", scene, "-o", str(out), "--set", "render.frames=3", "--format", "png"]) == 0
+    assert physgen(["render", scene, "-o", str(out), "--set", "render.frames=3", "--format", "png"]) == 0
     assert len(list((out / "39-falling-over" / "frames").iterdir())) == 3
 
 
 def test_results_do_not_depend_on_jobs() -> None:
     rows = choose(ROWS, [1, 3, 13])
-    one, two = (evaluate(FORMS, rows, 2, (240, 960), workers=workers) for workers in (1, 2))
+    one, two = (evaluate(rows, 2, (240, 960), workers=workers) for workers in (1, 2))
     assert one == two
 
 
@@ -141,7 +128,7 @@ def test_a_scene_that_cannot_be_run_misses_its_bar(tmp_path: Path) -> None:
 def test_what_is_no_number_misses_its_bar(tmp_path: Path) -> None:
     fall = ROWS[0]
     case = replace(fall.draw(0)[0], measure=lambda run: {"fall": float("nan")})
-    row = replace(fall, draw=lambda index: [case])
+    row = replace(fall, cases=lambda draw: [case])
     write_scenes(row, 0, tmp_path)
     result = record(row, 1, (), {(0, None): run_draw(row, 0, tmp_path)})
     assert not result["passed"]
