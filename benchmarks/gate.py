@@ -64,11 +64,15 @@ INTENDED: dict[str, str] = {
     "commands/evaluate runtime --help*": "fewer variants of the table",
     "*/caption*": "captions name each object and have no grammar of their own",
     "*/prompt*": "captions name each object and have no grammar of their own",
-    "*/events/events.csv": "as captions; the numbers are compared in events.json",
+    "*/events/events.csv": "events.json has the same",
+    "*/events.csv": "events.json has the same",
+    "*/conditioning*": "the format is gone",
+    "export/*/files": "events.csv, wheel and conditioning are gone",
+    "*/export/files": "events.csv, wheel and conditioning are gone",
+    "*/wheel/*": "the format is gone",
     "*/events.json/events/*/text": "as captions",
     "*/events.json/sentences*": "as captions",
     "*/manifest.json/inputs/scene.yaml": "comments of bundled scenes are in plainer words",
-    "*/conditioning.json/files/*/is": "descriptions of files are in plainer words",
     "*/events.json/sentences": "as captions",
     "scenes/kitchen/*/inputs/scene.yaml": "a comment of the scene is reworded",
     "scenes/ramp/*/inputs/scene.yaml": "a comment of the scene is reworded",
@@ -118,7 +122,7 @@ VARIABLE_KEYS = re.compile(
 
 Values = dict[str, Any]
 
-FORMATS = "frames,flo,kitti,wheel,tapvid,order,coco,davis,youtubevos,mot,mots,events,trajectory,conditioning,physics"
+FORMATS = "frames,flo,kitti,tapvid,order,coco,davis,youtubevos,mot,mots,events,trajectory,physics"
 MAP_FORMATS = "depth,normals,albedo,shading"
 COMMANDS = (
     *("perceive", "import", "edit", "check", "simulate", "render", "sweep", "export", "dataset", "refine"),

@@ -11,7 +11,6 @@ from io import StringIO
 from pathlib import Path
 from textwrap import wrap
 
-import av
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -189,12 +188,6 @@ def kitti(clip: Shown) -> Iterator[tuple[str, U8]]:
     yield f"kitti: px, up to {most:.1f} (yellow); white: does not count", shown
 
 
-def wheel(clip: Shown) -> Iterator[tuple[str, U8]]:
-    told = clip.read("wheel/forward/{:05d}.png").astype(np.float32)
-    grey = 0.35 + 0.65 * cv2.cvtColor(clip.rgb, cv2.COLOR_RGB2GRAY)[..., None] / 255
-    yield "wheel, times the frame's brightness", (told * grey).astype(np.uint8)
-
-
 def tapvid(clip: Shown) -> Iterator[tuple[str, U8]]:
     with np.load(clip.home / "tapvid/tapvid.npz") as file:
         px = file["points"] * [file["video"].shape[2], file["video"].shape[1]] - 0.5
@@ -283,23 +276,6 @@ def physics(clip: Shown) -> Iterator[tuple[str, U8]]:
     yield "physics: masses", np.asarray(picture)
 
 
-def conditioning(clip: Shown) -> Iterator[tuple[str, U8]]:
-    told = clip.json("conditioning/conditioning.json")["files"]["force"]
-    names = sorted((clip.home / "conditioning/force").iterdir())
-    strongest = max(
-        names, key=lambda path: int(np.abs(cv2.imread(str(path), -1).astype(int) - told["zero"]).max())
-    )
-    codes = cv2.imread(str(strongest), cv2.IMREAD_UNCHANGED)[..., ::-1].astype(np.float32)
-    share = (codes - told["zero"]) / told["code"]
-    shown = np.clip(clip.rgb * 0.5 + 127.5 * share, 0, 255).astype(np.uint8)
-    yield f"conditioning: force map of frame {int(strongest.stem)}, the strongest", shown
-    with av.open(str(clip.home / "conditioning/force.mp4")) as film:
-        for k, frame in enumerate(film.decode(video=0)):
-            if k == clip.index:
-                blobs = frame.to_ndarray(format="rgb24")
-    yield "conditioning: blobs", np.maximum(clip.rgb // 2, blobs)
-
-
 PANELS: dict[str, Callable[[Shown], Iterator[tuple[str, U8]]]] = {
     "frames": frames,
     "coco": coco,
@@ -310,7 +286,6 @@ PANELS: dict[str, Callable[[Shown], Iterator[tuple[str, U8]]]] = {
     "order": order,
     "flo": flo,
     "kitti": kitti,
-    "wheel": wheel,
     "tapvid": tapvid,
     "depth": depth,
     "normals": normals,
@@ -319,5 +294,4 @@ PANELS: dict[str, Callable[[Shown], Iterator[tuple[str, U8]]]] = {
     "events": events,
     "trajectory": trajectory,
     "physics": physics,
-    "conditioning": conditioning,
 }

@@ -24,9 +24,8 @@ from PIL import Image
 from pycocotools import mask as coco
 
 from physgen import pipeline
-from physgen.export import conditioning, formats
+from physgen.export import formats
 from physgen.export.labels import Moment
-from physgen.export.video import open_video
 from physgen.maps import write_assets
 from physgen.photometry import decode, sphere_normals
 
@@ -42,7 +41,6 @@ ENCODERS: list[tuple[object, str]] = [
     (zipfile._ZipWriteFile, "write"),
     (Image.Image, "save"),
     (coco, "frPyObjects"),
-    (conditioning, "copyfile"),
 ]
 REPEAT = 3
 SHARED = "what they share"
@@ -90,14 +88,6 @@ class Clock:
             return made
 
         return run
-
-    @contextmanager
-    def filmed(self, *args: object) -> Iterator[Callable]:
-        """`open_video`, whose frames and whose end are an encoder's."""
-        with ExitStack() as held:
-            write = held.enter_context(open_video(*args))
-            yield self.timed(write)
-            self.timed(held.close)()
 
 
 class Timed:
@@ -171,7 +161,6 @@ def run(scene: Path, out: Path) -> list[dict]:
 
     with ExitStack() as held:
         held.enter_context(patch.object(formats, "open_writers", on_the_clock))
-        held.enter_context(patch.object(conditioning, "open_video", clock.filmed))
         for home, name in ENCODERS:
             held.enter_context(patch.object(home, name, clock.timed(getattr(home, name))))
         done = pipeline.render_scene(

@@ -16,9 +16,8 @@ from physgen.problems import InputError
 from physgen.scene.load import scene_name
 
 LABELS = "truth"
-"""Folder of a clip's labels; without a video, they lie in the clip's own folder."""
-VIDEO, LABEL_VIDEO = "video.mp4", "conditioning/video.mp4"
-CAPTIONS = ("events/caption.txt", "conditioning/prompt.txt")
+"""Folder of a clip's labels."""
+VIDEO, CAPTION = "video.mp4", "events/caption.txt"
 MAX_KEY_LENGTH = 80
 """Characters of a key, without the digits that make it unique."""
 _UNSAFE = re.compile(r"[^A-Za-z0-9_-]+")
@@ -143,21 +142,12 @@ def read_sample(clip: FoundClip, splits: Splits, formats: Collection[str]) -> Sa
 
 def _members(folder: Path, files: Mapping[str, str], formats: Collection[str]) -> Iterator[Member]:
     """Raises InputError where a file is missing, or there is no video."""
-    inside = f"{LABELS}/" if any(name.startswith(f"{LABELS}/") for name in files) else ""
-    labels: dict[str, str] = {}
-    if inside or VIDEO not in files:
-        labels = {
-            name.removeprefix(inside): name for name in files if name.startswith(inside) and "/" in name
-        }
-    video = VIDEO if VIDEO in files else labels.get(LABEL_VIDEO)
-    if video is None:
-        fix = "render it with --export, or export it with --format conditioning"
-        raise InputError.of(str(folder), "", "has no video.mp4", fix)
-    chosen = {"video.mp4": video}
-    if "trajectory.npz" in files:
-        chosen["trajectory.npz"] = "trajectory.npz"
+    if VIDEO not in files:
+        raise InputError.of(str(folder), "", f"has no {VIDEO}", "render it with --export")
+    chosen = {name: name for name in (VIDEO, "trajectory.npz") if name in files}
+    labels = {name.removeprefix(f"{LABELS}/"): name for name in files if name.startswith(f"{LABELS}/")}
     for label, name in sorted(labels.items()):
-        if name != video and (not formats or label.partition("/")[0] in formats):
+        if not formats or label.partition("/")[0] in formats:
             chosen[label] = name
     for name, file in chosen.items():
         for path in map(PurePosixPath, (name, file)):  # a manifest is untrusted
@@ -231,11 +221,10 @@ def _parameter(text: str) -> tuple[str, Any]:
 
 
 def _caption(folder: Path, files: Mapping[str, str]) -> str:
-    for home in ("", f"{LABELS}/"):
-        for name in CAPTIONS:
-            if f"{home}{name}" in files:
-                try:
-                    return (folder / home / name).read_text(encoding="utf-8").strip()
-                except OSError:
-                    raise _missing(folder / home / name) from None
-    return ""
+    if f"{LABELS}/{CAPTION}" not in files:
+        return ""
+    path = folder / LABELS / CAPTION
+    try:
+        return path.read_text(encoding="utf-8").strip()
+    except OSError:
+        raise _missing(path) from None

@@ -6,7 +6,6 @@ import argparse
 
 from physgen.cli.arguments import Command, Parser, add_device, count, labels, number, two_sides, whole
 from physgen.cli.clips import add_overlays, check_formats, check_names, make_all, variants_of
-from physgen.problems import InputError
 
 
 def export(options: argparse.Namespace) -> int:
@@ -39,23 +38,18 @@ def export(options: argparse.Namespace) -> int:
 
 
 def _film_edits(options: argparse.Namespace) -> list[str]:
-    """Edits of `--frames`, `--size` and `--fps`, which hold for every format. Raises InputError."""
+    """Edits of `--frames`, `--size` and `--fps`, which hold for every format."""
     edits = [f"render.frames={options.frames}"] if options.frames else []
     if options.size:
-        width, height = options.size
-        if "conditioning" in options.format and (width % 2 or height % 2):
-            even = f"{width + width % 2}x{height + height % 2}"
-            expected = "has an odd side, which H.264 with 4:2:0 cannot hold"
-            raise InputError.of("--size", f"{width}x{height}", expected, f"write {even}")
-        edits.append(f"render.size=[{width}, {height}]")
+        edits.append("render.size=[{}, {}]".format(*options.size))
     if options.fps:
         edits.append(f"render.fps={options.fps:g}")
     return edits
 
 
 NAMES = (
-    "frames", "flo", "kitti", "wheel", "tapvid", "order", "depth", "normals", "albedo", "shading", "coco", "davis",
-    "youtubevos", "mot", "mots", "events", "trajectory", "conditioning", "physics",
+    "frames", "flo", "kitti", "tapvid", "order", "depth", "normals", "albedo", "shading", "coco", "davis",
+    "youtubevos", "mot", "mots", "events", "trajectory", "physics",
 )  # fmt: skip
 
 
@@ -79,7 +73,7 @@ def add(parser: Parser) -> None:
 EXPORT = Command(
     "export",
     "Exports the ground truth of scenes: flow, masks, tracks and events, in the formats that other tools read.",
-    "physgen export scene.yaml --format flo,events,conditioning --frames 49 --size 832x480 --fps 16 -o labels",
+    "physgen export scene.yaml --format flo,davis,events --frames 49 --size 832x480 --fps 16 -o labels",
     add,
     export,
     mixed=True,

@@ -1,8 +1,7 @@
-"""Events of a clip as JSON and CSV, with one sentence for each event and a short caption."""
+"""Events of a clip as JSON, with one sentence for each event and a short caption."""
 
 from __future__ import annotations
 
-import csv
 import re
 import unicodedata
 from collections import Counter
@@ -94,14 +93,6 @@ UNITS = {
     "parting": "px/s at which they part there",
     "far": "px of the photo: how far it comes from where it was, or its rim turns, at most in the clip",
 }
-COLUMNS = (
-    *("id", "kind", "time_s", "clip_time_s", "until_s", "frame"),
-    *("first", "second", "first_is", "second_is"),
-    *("x_px", "y_px", "video_x_px", "video_y_px"),
-    *("impulse_g_px_s", "impulse_N_s", "vector_x", "vector_y", "torque_g_px2_s2"),
-    *("first_before_px_s", "first_after_px_s", "second_before_px_s", "second_after_px_s"),
-    *("closing_px_s", "parting_px_s", "far_px", "side", "sentence"),
-)
 
 
 class ClipTimes:
@@ -362,13 +353,13 @@ def seconds(time: float) -> str:
 
 
 class Events(Writer):
-    """Both files hold the same events, in one order."""
+    """`events.json`, and `caption.txt` with the caption alone."""
 
     def __init__(self, folder: Path, clip: Clip) -> None:
         self._folder, self._clip = folder, clip
 
     def close(self) -> None:
-        """Write the three files."""
+        """Write both files."""
         clip, found = self._clip, self._clip.shared(story)
         rows = [_event_json(clip, k, event) for k, event in enumerate(found.events)]
         about = {
@@ -389,10 +380,6 @@ class Events(Writer):
             "events": rows,
         }
         write_json(self._folder / "events.json", about)
-        with (self._folder / "events.csv").open("w", encoding="utf-8", newline="") as file:
-            table = csv.writer(file, lineterminator="\n")
-            table.writerow(COLUMNS)
-            table.writerows(_csv_row(event) for event in rows)
         (self._folder / "caption.txt").write_text(found.caption + "\n", encoding="utf-8")
 
 
@@ -429,29 +416,3 @@ def _event_json(clip: Clip, k: int, event: Event) -> dict[str, Any]:
     return {key: value for key, value in row.items() if value is not None} | {
         "text": clip.shared(story).sentences[k]
     }
-
-
-def _csv_row(row: dict[str, Any]) -> list[Any]:
-    """The same in the order of the columns; floats to the last bit."""
-    names = [*row["who"], ""][:2]
-    kinds = [*["object"] * len(row["objects"]), *["boundary"] * len(row["boundaries"]), ""][
-        :2
-    ]  # objects first
-    place, impulse, speed = row.get("place", {}), row.get("impulse", {}), row.get("speed", {})
-    vector = row.get("direction") or row.get("vector") or ["", ""]
-    before, after = [*speed.get("before", []), "", ""], [*speed.get("after", []), "", ""]
-    cells = [
-        *(row["id"], row["kind"], row["time"], row["clip_time"], row.get("until", ""), row["frame"]),
-        *(*names, *kinds),
-        *(*place.get("photo", ["", ""]), *place.get("video", ["", ""])),
-        *(impulse.get("g_px_s", ""), impulse.get("N_s", ""), *vector, row.get("torque", "")),
-        *(before[0], after[0], before[1], after[1]),
-        *(
-            row.get("closing", ""),
-            row.get("parting", ""),
-            row.get("far", ""),
-            row.get("side", ""),
-            row["text"],
-        ),
-    ]
-    return ["" if cell is None else cell for cell in cells]

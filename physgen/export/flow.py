@@ -1,8 +1,7 @@
-"""Optical flow as Middlebury .flo, KITTI 16-bit PNG and a colour wheel."""
+"""Optical flow as Middlebury .flo and KITTI 16-bit PNG, and the colours of a flow."""
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -66,7 +65,7 @@ class Kitti(Writer):
     """
 
     def __init__(self, folder: Path, clip: Clip) -> None:
-        self._folder, self._encoder = folder, clip.shared(KittiEncoder)
+        self._folder = folder
         for home in (folder, folder / "backward"):
             for kind in ("flow_occ", "flow_noc"):
                 (home / kind).mkdir(parents=True)
@@ -81,25 +80,10 @@ class Kitti(Writer):
         for direction, flow in _directions(moment):
             home = self._folder / direction if direction == "backward" else self._folder
             name = f"{moment.view.index:06d}_10.png"
-            (home / "flow_occ" / name).write_bytes(self._encoder.png(flow))
             codes = kitti_codes(flow.moved)
+            (home / "flow_occ" / name).write_bytes(png_of_bgr(codes))
             codes[~flow.visible] = 0
             (home / "flow_noc" / name).write_bytes(png_of_bgr(codes))
-
-
-class KittiEncoder:
-    """Files of all pixels of a flow; the last two are kept, since two formats write them."""
-
-    def __init__(self, clip: Clip) -> None:
-        self._last: deque[tuple[Flow, bytes | memoryview]] = deque(maxlen=2)
-
-    def png(self, flow: Flow) -> bytes | memoryview:
-        """The file."""
-        for known, file in self._last:
-            if known is flow:
-                return file
-        self._last.append((flow, png_of_bgr(kitti_codes(flow.moved))))
-        return self._last[-1][1]
 
 
 def kitti_codes(moved: F32) -> U16:
@@ -113,31 +97,6 @@ def kitti_codes(moved: F32) -> U16:
         codes *= valid[..., None]
     u, v = cv2.split(codes.astype(np.uint16))
     return np.asarray(cv2.merge((valid, v, u)), np.uint16)
-
-
-class Wheel(Writer):
-    """`forward/` and `backward/`, PNG: hue is direction, saturation is speed as a share of the clip's fastest."""
-
-    def __init__(self, folder: Path, clip: Clip) -> None:
-        self._folder, self._full = folder, fastest(clip)
-        for name in ("forward", "backward"):
-            (folder / name).mkdir()
-
-    def add(self, moment: Moment) -> None:
-        """One file a frame and direction."""
-        for name, flow in _directions(moment):
-            picture = png_of_bgr(coloured(flow.moved, self._full))
-            (self._folder / name / f"{moment.view.index:05d}.png").write_bytes(picture)
-
-
-def fastest(clip: Clip) -> float:
-    """Roughly the largest motion of a body's point from frame to frame, video px; at least 1."""
-    steps = np.diff(clip.trajectory.poses, axis=0)
-    if not steps.size:
-        return 1.0
-    reach = np.array([body.reach for body in clip.world.bodies])
-    moved = np.hypot(steps[..., 0], steps[..., 1]) + reach * np.minimum(np.abs(steps[..., 2]), 2)
-    return max(1.0, float(moved.max()) * max(clip.size) / max(clip.scene.size))
 
 
 def coloured(moved: F32, full: float) -> NDArray[np.uint8]:

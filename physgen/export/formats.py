@@ -9,10 +9,9 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from physgen.export.coco import Coco
-from physgen.export.conditioning import Conditioning
 from physgen.export.davis import Davis, YoutubeVos
 from physgen.export.events import Events
-from physgen.export.flow import Flo, Kitti, Wheel
+from physgen.export.flow import Flo, Kitti
 from physgen.export.labels import Clip, Writer
 from physgen.export.maps import Albedo, Depth, Normals, Shading
 from physgen.export.mot import Mot, Mots
@@ -52,7 +51,6 @@ FORMATS = (
     LabelFormat("frames", Frames, "the pictures, PNG"),
     LabelFormat("flo", Flo, "optical flow, Middlebury .flo, with masks of hidden pixels"),
     LabelFormat("kitti", Kitti, "optical flow, KITTI 16-bit PNG"),
-    LabelFormat("wheel", Wheel, "optical flow as colours: the colour wheel"),
     LabelFormat("tapvid", Tapvid, "point tracks, TAP-Vid npz", counted="points"),
     LabelFormat("order", Order, "occlusion order, PNG and JSON"),
     LabelFormat("depth", Depth, "depth, 16-bit PNG", True, "depth"),
@@ -68,9 +66,13 @@ FORMATS = (
     LabelFormat(
         "trajectory", TrajectoryTables, "poses and velocities in px, video px and SI: CSV, Parquet, npz"
     ),
-    LabelFormat("conditioning", Conditioning, "inputs of conditioned video models", maps=True),
     LabelFormat("physics", Physics, "masses, coefficients and all other inputs of the motion: JSON"),
 )
+REMOVED = {
+    "wheel": 'draw the flow of "flo", e.g. with torchvision.utils.flow_to_image',
+    "conditioning": 'write "flo,davis,depth,events,physics", which have the same; render makes the video',
+}
+"""Formats of the version before, with what to use in their place; for one version."""
 PERCEIVE_OPTIONS = {"depth": " --backend depth=NAME"}
 """Options of `perceive` that make a map which it does not make by default."""
 FLAG = "--format"
@@ -119,12 +121,11 @@ def _format(name: str) -> tuple[LabelFormat | None, str, str]:
     plain, colon, number = name.partition(":")
     kind = known.get(plain)
     if kind is None:
+        if plain in REMOVED:
+            return None, "was removed", REMOVED[plain]
         close = nearest(plain, known)
-        return (
-            None,
-            "is no format",
-            f'did you mean "{close}"?' if close else f"write any of {listed(list(known))}",
-        )
+        fix = f'did you mean "{close}"?' if close else f"write any of {listed(list(known))}"
+        return None, "is no format", fix
     if not colon:
         return kind, "", ""
     if not kind.counted:

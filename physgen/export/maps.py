@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.export.correspondence import is_ball, photo_view, spans
-from physgen.export.files import png, png_of_bgr, write_png, write_scale
+from physgen.export.files import png_of_bgr, write_png, write_scale
 from physgen.export.labels import Clip, Moment, View, Writer
 from physgen.export.layers import Layers, Part, filled, parts_of, unknown_ground
 from physgen.maps import Percepts
@@ -125,19 +125,20 @@ class Shading(Writer):
         (self._folder / f"{view.index:05d}.png").write_bytes(png_of_bgr(self._codes))
 
 
-class DepthViews:
-    """The depth of views, for a photo with a depth map.
+class Depth(Writer):
+    """`00000.png` ...: in the photo's unit, larger is farther; `scale.json` has the depths of 0 and 65535.
 
     Objects move across the view and not in depth, so each keeps its own. It turns with them in the picture, except
     that of a ball.
     """
 
-    def __init__(self, clip: Clip) -> None:
+    def __init__(self, folder: Path, clip: Clip) -> None:
         assert clip.maps is not None
         assert clip.maps.depth is not None
-        self.range = low, high = clip.scene.maps.get("depth", (0.0, 1.0))
-        """Depths of the codes 0 and 65535, as in the photo's own map."""
-        self._world, steps = clip.world, np.float32(CODES.full / (high - low))
+        low, high = clip.scene.maps.get(
+            "depth", (0.0, 1.0)
+        )  # depths of 0 and 65535, as in the photo's own map
+        self._folder, self._world, steps = folder, clip.world, np.float32(CODES.full / (high - low))
 
         def encode(depth: F32) -> U16:
             return np.asarray((depth - np.float32(low)) * steps + np.float32(0.5), np.uint16)
@@ -145,30 +146,16 @@ class DepthViews:
         depth = clip.maps.depth
         ground = np.clip(filled(depth, unknown_ground(clip)), low, high)
         self._layers = Layers(clip, ground, parts_of(depth, clip), encode)
-        self._last: tuple[View, bytes | memoryview] | None = None
-
-    def png(self, view: View) -> bytes | memoryview:
-        """(h, w) codes as a file; two formats use the last one."""
-        if self._last is None or self._last[0] is not view:
-            self._last = view, png(self._layers.composed(view, self._sampled))
-        return self._last[1]
-
-    def _sampled(self, body: int, part: Part, view: View, box: Slices) -> F32:
-        moved = self._layers.moved if is_ball(self._world.bodies[body]) else self._layers.turned
-        return moved(body, part, view, box)
-
-
-class Depth(Writer):
-    """`00000.png` ...: in the photo's unit, larger is farther; `scale.json` has the depths of 0 and 65535."""
-
-    def __init__(self, folder: Path, clip: Clip) -> None:
-        self._folder, self._depths = folder, clip.shared(DepthViews)
-        low, high = self._depths.range
         write_scale(folder, {"at_0": low, "at_65535": high, "larger": "farther"})
 
     def add(self, moment: Moment) -> None:
         """One file a frame."""
-        (self._folder / f"{moment.view.index:05d}.png").write_bytes(self._depths.png(moment.view))
+        codes = self._layers.composed(moment.view, self._sampled)
+        write_png(self._folder / f"{moment.view.index:05d}.png", codes)
+
+    def _sampled(self, body: int, part: Part, view: View, box: Slices) -> F32:
+        moved = self._layers.moved if is_ball(self._world.bodies[body]) else self._layers.turned
+        return moved(body, part, view, box)
 
 
 class Normals(Writer):

@@ -100,7 +100,7 @@ def _lives(process: int) -> bool:
 
 
 TRIES = 20
-CLIPS = {"video.mp4", "trajectory.npz", "report.html", "truth", "events", "conditioning"}
+CLIPS = {"video.mp4", "trajectory.npz", "report.html", "truth", "events"}
 """Names in folders of clips."""
 OURS = re.compile(
     r"manifest\.json|trajectory\.npz|report\.html|refinement\.png|fan\.csv"

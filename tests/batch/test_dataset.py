@@ -49,15 +49,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert main([*sweep, "-o", str(root / "out" / "sweep"), *labels]) == 0
     others = [str(scenes / f"scene-{k}.yaml") for k in range(1, 4)]
     assert main(["render", *others, "-o", str(root / "out" / "few"), *labels]) == 0
-    coarse = [
-        "export",
-        str(scenes / "scene-4.yaml"),
-        "--format",
-        "conditioning",
-        "-o",
-        str(root / "out" / "labels"),
-    ]
-    assert main(coarse) == 0
+    assert main(["render", str(scenes / "scene-4.yaml"), "-o", str(root / "out" / "plain"), *labels]) == 0
     return root / "out"
 
 
@@ -86,7 +78,7 @@ def test_a_folder_has_a_row_for_every_clip(made: Path, tmp_path: Path, capsys) -
         assert row["scene"].startswith("scene-")
         assert row["caption"].startswith("The ball ")
         assert (row["frames"], row["fps"], row["width"], row["height"]) == (3, 15, 48, 32)
-        assert set(row["labels"]) <= {"events", "flo", "conditioning"}
+        assert set(row["labels"]) <= {"events", "flo"}
         assert all((video.parent / name).is_dir() for name in row["labels"])
         about = json.loads((video.parent / "clip.json").read_text())
         assert {**row, "digest": about["digest"]} == {"file_name": row["file_name"], **about}

@@ -138,23 +138,6 @@ def test_a_ball_that_rolls_carries_its_top_on(export) -> None:
     assert moved[60, 40] == pytest.approx([want, 0.0], abs=1e-3)
 
 
-def test_the_wheel_tells_directions(export) -> None:
-    """Right is red, left is cyan, down is yellowish, as in the paper's figure; what is at rest is white."""
-    folder = export(
-        "side",
-        "wheel,flo",
-        "world.gravity=[0, 0]",
-        "objects.*.spin=0",
-        "objects.ball.velocity=[100, 0]",
-        "objects.crate.velocity=[0, 60]",
-    )
-    picture = cv2.imread(str(folder / "wheel" / "forward" / "00000.png"))[:, :, ::-1].astype(int)
-    assert (picture[5, 5] == 255).all()
-    right, down = picture[60, 40], picture[62, 110]
-    assert right[0] > right[1] + 50 and right[0] > right[2] + 50  # noqa: PT018
-    assert down[0] > down[2] + 50 and down[1] > down[2] + 50  # noqa: PT018
-
-
 def test_labels_beside_a_clip_are_those_of_the_export_and_change_no_frame(
     photo: Path, tmp_path: Path, export
 ) -> None:
