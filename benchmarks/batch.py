@@ -22,7 +22,7 @@ from pathlib import Path
 from statistics import median
 
 from physgen.batch.run import Job, run
-from physgen.pipeline import Page, RenderOptions, load
+from physgen.pipeline import Page, RenderOptions
 
 ROOT = Path(__file__).resolve().parent.parent
 SCENE = ROOT / "scenes" / "dominoes" / "scene.yaml"
@@ -229,50 +229,6 @@ def stopped(times: int = 10) -> dict:
     return {"times": times, "median": round(median(took), 2), "most": round(max(took), 2)}
 
 
-def watched() -> list[dict]:
-    """Seconds from the save of another gravity to the new clip, at preview size."""
-    rows = []
-    for scene in sorted((ROOT / "scenes").glob("*/scene.yaml")):
-        with tempfile.TemporaryDirectory() as name:
-            folder = Path(name) / scene.parent.name
-            shutil.copytree(scene.parent, folder)
-            path, manifest = folder / "scene.yaml", Path(name) / "out" / folder.name / "manifest.json"
-            log = (Path(name) / "log").open("w+")
-            process = subprocess.Popen(
-                physgen("render", str(path), "-o", str(manifest.parent.parent), "--watch", "--preview"),
-                stdout=subprocess.DEVNULL, stderr=log, env={**os.environ, "XDG_CACHE_HOME": name},
-            )  # fmt: skip
-            took = []
-            written = path.read_text()  # a variant may leave an object out
-            pushed_one = next(o.name for o in load(scene).objects if f"objects.{o.name}: null" not in written)
-            try:
-                for number in range(4):
-                    while Path(log.name).read_text().count("watching") <= number:
-                        time.sleep(0.01)
-                    old = manifest.stat().st_mtime_ns
-                    text = pushed(written, pushed_one, number + 1)
-                    begun = time.perf_counter()
-                    path.write_text(text)
-                    while manifest.stat().st_mtime_ns == old:
-                        time.sleep(0.005)
-                    took.append(time.perf_counter() - begun)
-            finally:
-                process.kill()
-                process.wait()
-            rows.append({"scene": folder.name, "seconds": round(median(took[1:]), 2)})
-    return rows
-
-
-def pushed(text: str, name: str, impulse: int) -> str:
-    """A scene file with one more force."""
-    force = f"\n  - {{object: {name}, impulse: [{impulse}, 0]}}"
-    return (
-        text.replace("\nforces:", f"\nforces:{force}", 1)
-        if "\nforces:" in text
-        else f"{text}\nforces:{force}\n"
-    )
-
-
 def batch(folder: Path) -> list[dict]:
     return [
         {"throughput": throughput()},
@@ -280,7 +236,6 @@ def batch(folder: Path) -> list[dict]:
         {"again": again()},
         {"parent": parent()},
         {"stopped": stopped()},
-        {"watched": watched()},
         {"sizes": sizes()},
     ]
 

@@ -10,13 +10,11 @@ Row = dict[str, Any]
 
 
 def batch_table(rows: Sequence[Row]) -> list[str]:
-    """Throughput, what a clip costs beside its stages, a second run, memory, Ctrl-C, `--watch`."""
+    """Throughput, what a clip costs beside its stages, a second run, memory, Ctrl-C."""
     found = {name: part for row in rows for name, part in row.items()}
     one, two, ratio = found["throughput"]
     beside, stopped = found["beside"], found["stopped"]
     stages = ", ".join(f"{name} {ms:g}" for name, ms in beside["stages"].items())
-    slowest = max(found["watched"], key=lambda row: row["seconds"])
-    middle = sorted(row["seconds"] for row in found["watched"])[len(found["watched"]) // 2]
     ways = [[row["jobs"], row["rate"], row["cpu"]] for row in (one, two)]
     again, parent = [], []
     if "again" in found:  # parts that have not been run are left out
@@ -54,9 +52,7 @@ def batch_table(rows: Sequence[Row]) -> list[str]:
         *(line for part in (again, parent) if part for line in (*part, "")),
         *_prose(
             f"Ctrl-C, {stopped['times']} times, while two processes draw: {stopped['median']} s to the end in the",
-            f"middle, {stopped['most']} s at most (the bar is 2). `--watch --preview`, from the save of another push",
-            f"to the new clip: {middle} s in the middle of the bundled scenes, {slowest['seconds']} s for",
-            f"{slowest['scene']} (the bar is 1).",
+            f"middle, {stopped['most']} s at most (the bar is 2).",
         ),
     ]
 

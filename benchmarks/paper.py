@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 from studio_properties import ask_photos, with_studio
 
 from physgen import pipeline
+from physgen.batch.clips import MANIFEST
 from physgen.environment import gpu, this_machine
 from physgen.evaluate.controllability import findings as answered
 from physgen.evaluate.controllability import sweep
-from physgen.evaluate.measure import Findings, Section, Table, markdown
+from physgen.evaluate.measure import Findings, Progress, Section, Table, markdown
 from physgen.evaluate.objects import SHIPPED, read_table
 from physgen.evaluate.properties import MASS, ORDER, Asked, ask
 from physgen.evaluate.properties import findings as weighed
+from physgen.evaluate.runtime import Run, Time, total
 from physgen.evaluate.runtime import findings as timed
-from physgen.evaluate.runtime import measure
 from physgen.registry import Backends
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -88,7 +92,6 @@ that only its way to the side stays: there it is counted whether that is the sid
 Written by `python benchmarks/run.py runtime` from `benchmarks/results/runtime.json`; do not edit.
 
     physgen evaluate runtime out/                # records of clips: what render, sweep and refine left in manifest.json
-    physgen evaluate runtime --measure photo.jpg --repeat 5 -o out/runtime     # perceived and rendered now, offline
 
 Every clip's `manifest.json` has wall and CPU seconds of each stage and names the machine: processor, cores, memory;
 `device` names the GPU where one drew. Perceiving with models leaves its times in `perceived.json` among a scene's
@@ -130,6 +133,50 @@ def runtime(folder: Path) -> list[dict]:
     """Two bundled photos, perceived and rendered."""
     runs = [run for name in PHOTOS for run in measure(_photo(name, folder), REPEAT, _quiet)]
     return [kept(timed(runs, f"{this_machine()}, {gpu() or 'no GPU'}"), "runtime")]
+
+
+class TimedBackends(Backends):
+    """Backends that also record the CPU time of each role."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.cpu: list[float] = []
+
+    def run(self, role: str, use: Callable[[Any], Any]) -> Any:
+        """As `Backends.run`."""
+        begun = time.process_time()
+        try:
+            return super().run(role, use)
+        finally:
+            self.cpu.append(time.process_time() - begun)
+
+
+def measure(photo: Path, repeat: int, progress: Progress) -> list[Run]:
+    """`repeat` runs made now, offline; the first includes imports."""
+    runs = []
+    for k in range(repeat):
+        with TemporaryDirectory(prefix="physgen-runtime-") as folder:
+            progress("perceive and render", k, repeat)
+            stages = _timed_perceiving(photo, Path(folder) / "scene.yaml")
+            clip = pipeline.render_scene(Path(folder) / "scene.yaml", Path(folder) / "out", cached=False)
+            record = json.loads((clip / MANIFEST).read_text(encoding="utf-8"))
+        stages |= {key: (one["wall"], one["cpu"]) for key, one in record["stages"].items()}
+        runs.append(Run(f"{photo.stem} {k + 1}", stages, str(this_machine())))
+    return runs
+
+
+def _timed_perceiving(photo: Path, scene: Path) -> dict[str, Time]:
+    backends = TimedBackends()
+    begun = time.perf_counter(), time.process_time()
+    pipeline.perceive(photo, scene, crew=backends)
+    spent = time.perf_counter() - begun[0], time.process_time() - begun[1]
+    stages: dict[str, Time] = {}
+    for step, cpu in zip(backends.steps, backends.cpu, strict=True):
+        stage = f"perceive {step.role}"
+        stages[stage] = total([stages.get(stage, (0.0, 0.0)), (step.seconds, cpu)])
+    known = total(list(stages.values()))
+    stages["perceive files"] = max(spent[0] - known[0], 0.0), max(spent[1] - known[1], 0.0)
+    return stages
 
 
 def _photo(name: str, folder: Path) -> Path:

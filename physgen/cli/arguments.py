@@ -36,6 +36,9 @@ REMOVED = {
     "--ship": "share a folder, or name scenes and results by URL",
     "--si": "axes are in SI where the scene has a scale",
     "physics": "run python benchmarks/closed_forms.py in a checkout",
+    "--watch": "run physgen edit, or entr: ls scene.yaml | entr physgen render scene.yaml --preview",
+    "--measure": "render the photo's scene and name the folder; python benchmarks/run.py runtime",
+    "--repeat": "render again with --no-cache",
     "--truth": "run python benchmarks/run.py properties",
 }
 """Flags and measures of the version before, with what to use in their place; for one version."""

@@ -118,8 +118,6 @@ def check_places(options: argparse.Namespace) -> None:
         expected = "cannot be used, as memory:// is visible to one process only"
         flag = "--cluster" if options.cluster else f"--jobs {options.jobs}"
         raise InputError.of(flag, "", expected, "leave it out")
-    if getattr(options, "watch", False) and (options.cluster or any(map(is_url, places))):
-        raise InputError.of("--watch", "", "watches files of this machine, and renders here", "leave it out")
 
 
 def _refining(options: argparse.Namespace) -> tuple[Refiner, tuple[str, ...]]:

@@ -1,7 +1,7 @@
 """Methods side by side: a table with scores of other measures, and a page with the clips of each scene in step.
 
-Scores are read from `result.json` files that lie beside the clips. A row names its method by `method`, and its scene
-by `scene`, `clip`, `video` or `name`; where it does not, the folder that the file lies in does.
+Scores are read from `result.json` files that lie beside the clips. A row names its method by `method`; one of a
+single clip names its scene by `scene`.
 """
 
 from __future__ import annotations
@@ -34,15 +34,12 @@ FILES = "index.files"
 """Folder for films that were made for the page."""
 SIDE, QUALITY = 640, 85
 """px of a photo's longer side, and its WebP's quality."""
-DEPTH = 3
-"""Folders below METHODS in which results are looked for."""
-SCENE_KEYS = ("scene", "clip", "video", "name")
 NO_SCORES = {
     "low", "high", "counts", "count", "answers", "clips", "frames", "pairs", "seed", "row", "rank", "passed", "number",
 }  # fmt: skip
 """Names of numbers that are no scores."""
 NO_ENDINGS = ("_95", "_more", "_sure", "_low", "_high", "_count")
-LOWER = {"fid", "kid", "error", "distance", "alde", "seconds", "lpips"}
+LOWER = {"fid", "error", "distance", "alde", "seconds", "lpips"}
 HIGHER = {
     "physical", "photo", "psnr", "ssim", "iou", "precision", "recall", "plausible", "plausibility", "score",
 }  # fmt: skip
@@ -77,8 +74,6 @@ class Score:
     def best(self, names: Sequence[str]) -> set[str]:
         """The best as shown; empty where one alone is known, all are equal, or the better direction is not known."""
         known = {name: float(four_digits(value)) for name in names if (value := self.of(name)) is not None}
-        if "kid" in self.name.split():  # below 0 by chance, and no better than 0
-            known = {name: max(value, 0.0) for name, value in known.items()}
         if not self.better or len(set(known.values())) < 2:
             return set()
         top = min(known.values()) if self.better == "low" else max(known.values())
@@ -101,23 +96,19 @@ def four_digits(value: float | None) -> str:
 
 
 def scores_of(methods: Methods, more: Sequence[Path] = ()) -> list[Score]:
-    """From all results in the methods' folder, and from the files or folders `more`.
+    """From `ANY/result.json` in the methods' folder, and from the files or folders `more`.
 
     Raises InputError where one of these is no result; other files in the methods' folder are left out.
     """
     found: dict[str, Score] = {}
-    for depth in range(DEPTH + 1):
-        for path in sorted(methods.folder.glob("*/" * depth + RESULT), key=lambda path: natural(str(path))):
-            parts = (*path.relative_to(methods.folder).parts[:-1], "", "")
-            method = parts[0] if parts[0] in methods.names else None
-            scene = parts[1] if method and parts[1] in methods.scenes else None
-            _add(found, _read(path), methods, method, scene)
+    for path in sorted(methods.folder.glob(f"*/{RESULT}"), key=lambda path: natural(str(path))):
+        _add(found, _read(path), methods)
     for path in more:
         record = _read(path / RESULT if path.is_dir() else path)
         if not record:
             fix = f"name a {RESULT} that physgen evaluate -o DIR wrote, or its folder"
             raise InputError.of("--scores", f'"{path}"', "is no result of a measure", fix)
-        if not _add(found, record, methods, None, None):
+        if not _add(found, record, methods):
             fix = f'give its rows "method", one of {", ".join(methods.names[:4])}'
             raise InputError.of("--scores", f'"{path}"', "has no number of any of these methods", fix)
     return list(found.values())
@@ -134,41 +125,25 @@ def _read(path: Path) -> Mapping[str, Any]:
     return record if isinstance(record.get("measure"), str) and record["measure"] != OWN else {}
 
 
-def _add(
-    found: dict[str, Score],
-    record: Mapping[str, Any],
-    methods: Methods,
-    method: str | None,
-    scene: str | None,
-) -> bool:
+def _add(found: dict[str, Score], record: Mapping[str, Any], methods: Methods) -> bool:
     """Whether there was a number."""
     any_number = False
-    rows = [row for row in record.get("rows", ()) if isinstance(row, dict)]
-    for row in rows:
-        owner = method or (row.get("method") if row.get("method") in methods.names else None)
-        which = scene or _scene(row, methods)
-        part = len(rows) > 1 and (scene is not None or (which is None and method is not None))
-        if owner is None or part:
-            continue  # one of several rows of one method or clip, none of which is all of it
+    for row in record.get("rows", ()):
+        if not isinstance(row, dict) or row.get("method") not in methods.names:
+            continue
+        method, scene = row["method"], row.get("scene") if row.get("scene") in methods.scenes else None
         for name, value in _numbers(row):
             label = f"{record['measure'][:40]}: {name}"
             label += " (not comparable)" if record.get("comparable") is False else ""
             words = set(name.lower().split())
             better = "low" if words & LOWER else "high" if words & HIGHER else ""
             score = found.setdefault(label, Score(label, better))
-            if which is None:
-                score.methods.setdefault(owner, value)
+            if scene is None:
+                score.methods.setdefault(method, value)
             else:
-                score.clips.setdefault((owner, which), value)
+                score.clips.setdefault((method, scene), value)
             any_number = True
     return any_number
-
-
-def _scene(row: Mapping[str, Any], methods: Methods) -> str | None:
-    """By its name, or by its file's."""
-    texts = [row[key] for key in SCENE_KEYS if isinstance(row.get(key), str)]
-    names = [name for text in texts for name in (text, Path(text).stem, Path(text).parent.name)]
-    return next((name for name in names if name in methods.scenes), None)
 
 
 def _numbers(row: Mapping[str, Any], before: str = "", depth: int = 3) -> Iterator[tuple[str, float]]:

@@ -293,11 +293,10 @@ def _data_uri(picture: str | bytes) -> str:
     return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
 
 
-def photo(rgb: NDArray[np.uint8], about: str, ending: str = ".jpg") -> Figure:
+def photo(rgb: NDArray[np.uint8], about: str) -> Figure:
     """A picture (H, W, 3) sRGB as a figure."""
-    _, data = cv2.imencode(
-        ending, np.ascontiguousarray(rgb[..., ::-1]), [cv2.IMWRITE_JPEG_QUALITY, LOOK.quality]
-    )
+    bgr = np.ascontiguousarray(rgb[..., ::-1])
+    _, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, LOOK.quality])
     return Figure(bytes(data), about)
 
 

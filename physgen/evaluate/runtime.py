@@ -1,24 +1,20 @@
-"""Times of the stages, from the records of clips or from runs made now, beside the paper's table."""
+"""Times of the stages, from the records of clips, beside the paper's table."""
 
 from __future__ import annotations
 
 import json
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
-from physgen import pipeline
 from physgen.batch.clips import MANIFEST, checked_folders, find_clips
-from physgen.environment import Machine, this_machine
-from physgen.evaluate.measure import Findings, Progress, Section, Table, number
+from physgen.environment import Machine
+from physgen.evaluate.measure import Findings, Section, Table, number
 from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
-from physgen.registry import Backends
 
 PERCEIVED = "perceived.json"
 MOST_PROBLEMS = 20
@@ -94,7 +90,7 @@ def read_runs(roots: Sequence[Path], warn: Warn = ignore_warning) -> list[Run]:
     if not found:
         if left:
             raise InputError(replace(problem, severity=Severity.ERROR) for problem in left[:MOST_PROBLEMS])
-        fix = "name folders that physgen render or sweep made, or add --measure"
+        fix = "name folders that physgen render or sweep made"
         raise InputError.of(", ".join(map(str, roots)), "", "holds no clips", fix)
     for problem in left[:MOST_PROBLEMS]:
         warn(problem)
@@ -135,52 +131,6 @@ def _perceived(folder: Path, record: Mapping[str, Any]) -> tuple[dict[str, Time]
     except (OSError, ValueError, KeyError, TypeError):
         return {}, ()
     return times, tuple(models)
-
-
-class TimedBackends(Backends):
-    """Backends that also record the CPU time of each role."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.cpu: list[float] = []
-
-    def run(self, role: str, use: Callable[[Any], Any]) -> Any:
-        """As `Backends.run`."""
-        begun = time.process_time()
-        try:
-            return super().run(role, use)
-        finally:
-            self.cpu.append(time.process_time() - begun)
-
-
-def measure(photo: Path, repeat: int, progress: Progress) -> list[Run]:
-    """`repeat` runs made now, offline; the first includes imports. Raises InputError for a bad photo."""
-    if not photo.is_file():
-        raise InputError.of("--measure", f'"{photo}"', "is no photo", "name a photo: --measure photo.jpg")
-    runs = []
-    for k in range(repeat):
-        with TemporaryDirectory(prefix="physgen-runtime-") as folder:
-            progress("perceive and render", k, repeat)
-            stages = _timed_perceiving(photo, Path(folder) / "scene.yaml")
-            clip = pipeline.render_scene(Path(folder) / "scene.yaml", Path(folder) / "out", cached=False)
-            record = json.loads((clip / MANIFEST).read_text(encoding="utf-8"))
-        stages |= {key: (one["wall"], one["cpu"]) for key, one in record["stages"].items()}
-        runs.append(Run(f"{photo.stem} {k + 1}", stages, str(this_machine())))
-    return runs
-
-
-def _timed_perceiving(photo: Path, scene: Path) -> dict[str, Time]:
-    backends = TimedBackends()
-    begun = time.perf_counter(), time.process_time()
-    pipeline.perceive(photo, scene, crew=backends)
-    spent = time.perf_counter() - begun[0], time.process_time() - begun[1]
-    stages: dict[str, Time] = {}
-    for step, cpu in zip(backends.steps, backends.cpu, strict=True):
-        stage = f"perceive {step.role}"
-        stages[stage] = total([stages.get(stage, (0.0, 0.0)), (step.seconds, cpu)])
-    known = total(list(stages.values()))
-    stages["perceive files"] = max(spent[0] - known[0], 0.0), max(spent[1] - known[1], 0.0)
-    return stages
 
 
 # ---- report ------------------------------------------------------------------------------------------------------

@@ -6,33 +6,26 @@ compare.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from physgen import registry
 from physgen.evaluate.ground_truth import Mask, Pair, Patch, Truth, patches
 from physgen.evaluate.measure import (
-    RESULT,
     Bar,
     Figure,
     Findings,
     Progress,
     Section,
     Table,
-    check_folder,
     counted,
     number,
-    photo,
     plotted,
 )
-from physgen.files import write_atomic
-from physgen.maps import write_png
 from physgen.perceive.roles import Segment, Segments
 from physgen.problems import InputError
 
@@ -276,10 +269,9 @@ class Found:
 def evaluate(
     pairs: Sequence[Pair],
     backend: str | Segment | None = None,
-    each: Callable[[Photo], None] = lambda photo: None,
     progress: Progress = lambda *_: None,
 ) -> Found:
-    """Segment every photo by a backend, its name or the default, and judge; `each` is called with every photo.
+    """Segment every photo by a backend, its name or the default, and judge.
 
     Raises InputError with every photo and map that cannot be read or does not fit, before anything is segmented.
     """
@@ -300,7 +292,6 @@ def evaluate(
         found = judge_photo(pair.name, truth, masks_of(segment(truth.rgb)))
         rows.append(found.as_dict())
         judged.append(found.judged)
-        each(found)
     by_iou = [[one[t] for one in judged] for t in range(len(THRESHOLDS))]
     ap = [average_precision(photos) for photos in by_iou]
     known = [value for value in ap if value is not None]
@@ -367,40 +358,10 @@ def _cells(row: Mapping[str, Any]) -> tuple[str, ...]:
     return (row["photo"], *numbers, *(_share(row[key]) for key in ("precision", "recall", "f", "iou")))
 
 
-PLOTS = {CURVES: "precision-recall.svg", CALIBRATION: "reliability.svg"}
-"""File of each section's plot."""
-ON_PAGE = 24
-"""Photos on the page; the folder has all."""
-
-
-class Folder:
-    """Writes marked photos and plots into a folder, made at once; files of an earlier run are replaced."""
-
-    def __init__(self, folder: Path) -> None:
-        """Raises InputError where `photos` holds other files."""
-        check_folder(folder, plots=True)
-        self._photos, self._folder, self._pictures = folder / "photos", folder, list[Figure]()
-        if self._photos.exists() and any(self._photos.iterdir()) and not (folder / RESULT).exists():
-            expected, fix = "holds files that are not of an earlier run", "name another folder with -o"
-            raise InputError.of("-o", f'"{self._photos}"', expected, fix)
-        self._photos.mkdir(parents=True, exist_ok=True)
-
-    def photo(self, found: Photo) -> None:
-        """`photos/NAME.png`: outlines of what is found, missed and false."""
-        picture, row = marked(found), found.as_dict()
-        write_png(self._photos / f"{found.name}.png", picture)
-        if len(self._pictures) < ON_PAGE:
-            about = f"{found.name}: {row['hit']} of {row['true']} found (blue), {row['said'] - row['hit']} false (red)."
-            self._pictures.append(photo(picture, about))
-
-    def illustrated(self, findings: Findings, found: Found) -> Findings:
-        """With plots, which are written as files too, and the marked photos."""
-        figures = dict(zip(PLOTS, plots(found), strict=True))
-        for title, figure in figures.items():
-            write_atomic(self._folder / PLOTS[title], str(figure.picture).encode())
-        shown = findings.with_parts({title: (figure,) for title, figure in figures.items()}, first=False)
-        photos = Section("The photos", (), tuple(self._pictures))
-        return replace(shown, sections=(*shown.sections, photos))
+def illustrated(report: Findings, found: Found) -> Findings:
+    """With plots of precision over recall, and of calibration."""
+    figures = zip((CURVES, CALIBRATION), plots(found), strict=True)
+    return report.with_parts({title: (figure,) for title, figure in figures}, first=False)
 
 
 def plots(found: Found) -> Iterator[Figure]:
@@ -426,38 +387,3 @@ def plots(found: Found) -> Iterator[Figure]:
     yield plotted(
         diagram, "Share that is right over confidence; on the diagonal, confidences can be believed.", 100, 90
     )
-
-
-SIDES = 960, 1920
-"""px: limits of the longer side of a marked photo."""
-COLOURS = {"found": (86, 190, 255), "missed": (250, 226, 70), "false": (255, 96, 70)}
-"""sRGB, after Okabe and Ito's palette."""
-
-
-def marked(found: Photo) -> NDArray[np.uint8]:
-    """(H, W, 3) sRGB: the photo, larger where it is small, with outlines, and confidences on what was found."""
-    rgb = found.truth.rgb
-    longer = max(rgb.shape[:2])
-    zoom = float(np.clip(longer, *SIDES)) / longer
-    method = cv2.INTER_CUBIC if zoom > 1 else cv2.INTER_AREA
-    picture = np.array(cv2.resize(rgb, None, fx=zoom, fy=zoom, interpolation=method), np.uint8)
-    judged, (masks, confidence) = found.judged[0], found.found
-    thick, size = max(1, round(longer * zoom / 420)), longer * zoom / 1600
-
-    def outline(patch: Patch, kind: str) -> None:
-        large = cv2.resize(np.pad(patch.mask, 1).astype(np.float32), None, fx=zoom, fy=zoom)
-        offset = round((patch.x - 1) * zoom), round((patch.y - 1) * zoom)
-        inside = (large > 0.5).astype(np.uint8)
-        rings, _ = cv2.findContours(inside, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE, offset=offset)
-        cv2.drawContours(picture, rings, -1, COLOURS[kind], thick, cv2.LINE_AA)
-
-    for j in judged.missed:
-        outline(found.truth.masks[j], "missed")
-    for patch, right, sure in zip(masks, judged.right.tolist(), confidence.tolist(), strict=True):
-        outline(patch, "found" if right else "false")
-        at = round(patch.x * zoom), round((patch.y + patch.mask.shape[0] / 2) * zoom)
-        for colour, width in (((24, 26, 32), 3), ((255, 255, 255), 1)):
-            cv2.putText(
-                picture, f"{sure:.2f}", at, cv2.FONT_HERSHEY_SIMPLEX, size, colour, width, cv2.LINE_AA
-            )
-    return picture

@@ -238,8 +238,6 @@ def test_flags_that_would_lose_clips_are_refused(lesson: Path, capsys) -> None:
     for flags in (["--jobs", "2"], ["--cluster", "dask"]):
         assert main(["render", str(lesson), "-o", "memory://clips", *flags]) == 2
         assert "memory:// is visible to one process only" in capsys.readouterr().err
-    assert main(["render", "memory://a/scene.yaml", "--watch"]) == 2
-    assert "--watch: watches files of this machine" in capsys.readouterr().err
     with pytest.raises(SystemExit):
         main(["render", "file://elsewhere/scene.yaml"])
     assert "names a file of another machine" in capsys.readouterr().err

@@ -6,7 +6,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 
@@ -125,26 +124,11 @@ def test_manifests_without_times(tmp_path: Path, stages: Any, capsys: pytest.Cap
 
 def test_nothing_to_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for flags, wrong in (
-        ([], "was given no records"),
         ([tmp_path], "holds no clips"),
         ([tmp_path / "no"], "is no folder"),
-        (["--measure", tmp_path / "no.png"], "is no photo"),
     ):
         assert main(["evaluate", "runtime", *map(str, flags)]) == 2
         assert wrong in capsys.readouterr().err
-
-
-def test_a_photo_is_perceived_and_rendered_now(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    picture = np.full((64, 80, 3), 200, np.uint8)
-    cv2.circle(picture, (40, 36), 14, (40, 60, 190), -1, cv2.LINE_AA)
-    cv2.imwrite(str(tmp_path / "ball.png"), picture)
-    flags = ["--measure", tmp_path / "ball.png", "--repeat", 1, "-o", tmp_path / "page"]
-    told = told_of(*flags, capsys=capsys)
-    names = {row["name"] for row in told["rows"] if row["kind"] == "stage"}
-    assert {"perceive segment", "perceive inpaint", "simulate", "render", "encode"} <= names
-    assert told["machines"] == [str(environment.this_machine())]
-    assert all(row["cpu"] is not None for row in told["rows"])
-    assert "whole runs" in (tmp_path / "page" / "index.html").read_text()
 
 
 def test_a_manifest_names_the_machine(tmp_path: Path) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
-from xml.etree import ElementTree
 
 import cv2
 import numpy as np
@@ -14,7 +13,6 @@ import pytest
 from physgen.cli.main import main
 from physgen.evaluate.ground_truth import Patch, pairs
 from physgen.evaluate.segmentation import judge_photo
-from physgen.photos import read_image
 from physgen.problems import InputError
 
 DISCS = [(60, 60, 24), (150, 70, 28), (110, 150, 26), (24, 180, 28)]
@@ -87,16 +85,6 @@ def test_bars_tables_and_pictures(folder: Path, tmp_path: Path, capsys: pytest.C
     assert (record["measure"], record["passed"]) == ("segmentation", False)
     page = (out / "index.html").read_text()
     assert page.count("data:image/svg+xml") == 2
-    assert page.count("data:image/jpeg") == 4
-    for name in ("precision-recall.svg", "reliability.svg"):
-        assert ElementTree.parse(out / name).getroot().tag.endswith("svg")
-    rgb, _ = drawn()
-    for name in "abcd":
-        picture = read_image(out / "photos" / f"{name}.png")
-        assert picture.shape[:2] == (960, 960)
-        plain = cv2.resize(rgb, (960, 960), interpolation=cv2.INTER_CUBIC)
-        marks = np.abs(picture.astype(int) - plain).max(2) > 40
-        assert 0.005 < marks.mean() < 0.2  # there are lines, and they leave the photo to be seen
     assert main([*arguments[:3], "--markdown"]) == 0
     assert "| photo | true |" in capsys.readouterr().out
 

@@ -21,7 +21,7 @@ def add(parser: Parser) -> None:
     )
     parser.add_argument("folder", metavar="FOLDER", type=Path, help=about)
     parser.option("--backend", "ROLE=NAME", str, "what segments: segment=NAME", [], action="append")
-    add_output(parser, "write plots, the result as JSON and every photo with what was found in this folder")
+    add_output(parser, "write a page with plots, and the result as JSON, in this folder")
     parser.option("--precision", "BAR", part, "least for the share of detections that are right, 0 to 1")
     parser.option("--recall", "BAR", part, "least for the share of true objects that are found, 0 to 1")
     parser.option("--iou", "BAR", part, "least for the mean overlap of matches, 0 to 1")
@@ -29,7 +29,8 @@ def add(parser: Parser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     from physgen.evaluate.ground_truth import pairs
-    from physgen.evaluate.segmentation import BARS, Folder, evaluate, findings
+    from physgen.evaluate.measure import check_folder
+    from physgen.evaluate.segmentation import BARS, evaluate, findings, illustrated
     from physgen.registry import Backends, Plan, choices
 
     chosen = choices(options.backend)
@@ -39,10 +40,10 @@ def run(options: argparse.Namespace) -> int:
     bars = {name: bar for name in BARS if (bar := getattr(options, name)) is not None}
     found, warnings = pairs(options.folder)
     print_problems(warnings)
-    folder = None if options.output is None else Folder(options.output)
+    check_folder(options.output, plots=True)
     bar = Bar()
     segment = Backends(Plan(chosen)).get("segment")
-    result = evaluate(found, segment, folder.photo if folder else lambda photo: None, bar.show)
+    result = evaluate(found, segment, progress=bar.show)
     bar.clear()
     report = findings(result, bars)
-    return hand_over(folder.illustrated(report, result) if folder else report, options)
+    return hand_over(illustrated(report, result) if options.output else report, options)
