@@ -21,7 +21,7 @@ from PIL import Image
 from physgen.evaluate.fidelity import Truth, read_ids, replayed, truths
 from physgen.export.flow import SEEN
 from physgen.photos import read_image
-from physgen.pipeline.labels import Labels
+from physgen.pipeline.clip import Labels
 from physgen.pipeline.stages import Film, Keep, Stages
 from physgen.progress import silent
 from physgen.report.record import RunRecord

@@ -12,6 +12,16 @@ from functools import cache
 from hashlib import sha256
 from pathlib import Path
 
+MOST_PIXELS = 100_000_000
+"""A larger picture is refused before it is decoded."""
+EXIF_ORIENTATION = 0x0112
+"""Tag of how a camera was held; 1 is upright."""
+SCENE_FORMATS = ("PNG", "JPEG", "WEBP")
+"""What a scene may name as its photo."""
+FORMATS = (*SCENE_FORMATS, "BMP", "TIFF", "GIF", "PPM")
+"""What perceive reads: none of Pillow's readers that call other programs."""
+
+
 _PACKAGE = Path(__file__).resolve().parent
 _ROOTS = (_PACKAGE / "_data", _PACKAGE.parent)
 

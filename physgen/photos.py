@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.image_formats import EXIF_ORIENTATION, FORMATS, MOST_PIXELS, SCENE_FORMATS
+from physgen.files import EXIF_ORIENTATION, FORMATS, MOST_PIXELS, SCENE_FORMATS
 from physgen.photometry import decode, encode_u8
 from physgen.problems import InputError
 

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.image_formats import MOST_PIXELS
+from physgen.files import MOST_PIXELS
 from physgen.photometry import decode, encode_u8
 from physgen.photos import decode_picture, open_picture, read_channels, read_photo
 from physgen.problems import InputError

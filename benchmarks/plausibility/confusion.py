@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from physgen.evaluate.measure import Bar, Figure, Findings, Section, Table
 from physgen.evaluate.plausibility.judge import EVEN
-from physgen.simulate.uncertainty_summary import wilson
+from physgen.simulate.uncertainty import wilson
 
 from .balls import FREE
 

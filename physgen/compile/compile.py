@@ -9,9 +9,8 @@ from math import inf, radians
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.compile.appearance import placed_outline, rest_pose
 from physgen.compile.shapes import Shapes, shapes_of, snapped_to_boundaries, walls_of
-from physgen.compile.world import Body, Field, Joint, Push, World, surface
+from physgen.compile.world import Body, Field, Joint, Push, World, placed_outline, rest_pose, surface
 from physgen.geometry.convex import convex_pieces
 from physgen.geometry.polygon import Disc, Outline, mass_properties, mean_distance
 from physgen.notebook_display import html

@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from physgen.compile.compile import Compiled, grams, mass_path, warning
 from physgen.compile.world import Body, Wall
 from physgen.geometry.convex import distance_to_outline, overlap_depth
-from physgen.geometry.framing import held
 from physgen.geometry.polygon import bounds, translated_outline
 from physgen.maps import Percepts
 from physgen.problems import Problem, by_place
-from physgen.scene.scene import JointKind, Motion, Scene, Solid, View
+from physgen.scene.scene import JointKind, Motion, Scene, Solid, View, held
 
 Array = NDArray[np.float64]
 U8 = NDArray[np.uint8]

@@ -29,7 +29,7 @@ from physgen.perceive.segment.prompts import from_masks
 from physgen.photos import read_photo
 from physgen.problems import InputError
 from physgen.registry import Backends
-from physgen.simulate.uncertainty_summary import wilson
+from physgen.simulate.uncertainty import wilson
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.compile.appearance import photo_poses
-from physgen.compile.world import Body, World
+from physgen.compile.world import Body, World, photo_poses
 from physgen.geometry.polygon import rotation
 from physgen.render.stage import Slices
 from physgen.scene.scene import Solid

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from physgen.export.files import PNG_LEVEL
-from physgen.export.labels import Clip, Moment, Writer
+from physgen.export.labels import PNG_LEVEL, Clip, Moment, Writer
 
 FIRST_COLOURS = (
     (0, 0, 0), (128, 0, 0), (0, 128, 0), (128, 128, 0), (0, 0, 128), (128, 0, 128), (0, 128, 128), (128, 128, 128),

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 
 from physgen.export.event_detection import Event, EventKind, events
-from physgen.export.files import write_json
-from physgen.export.labels import Clip, Writer
+from physgen.export.labels import Clip, Writer, write_json
 from physgen.scene.scene import Play, Point, View
 from physgen.simulate.trajectory import REST_SPEED
 

@@ -10,8 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.export.files import png_of_bgr, write_png
-from physgen.export.labels import Clip, Flow, Moment, Writer
+from physgen.export.labels import Clip, Flow, Moment, Writer, png_of_bgr, write_png
 
 F32 = NDArray[np.float32]
 U16 = NDArray[np.uint16]

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from physgen.export.files import write_png
-from physgen.export.labels import Clip, Moment, View, Writer
+from physgen.export.labels import Clip, Moment, View, Writer, write_png
 
 
 class Frames(Writer):

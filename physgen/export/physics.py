@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from physgen.compile.world import Body, Joint, Push, World, pairings
-from physgen.export.files import write_json
-from physgen.export.labels import Clip, Scale, Writer
+from physgen.export.labels import Clip, Scale, Writer, write_json
 from physgen.scene.scene import Load, Object, Scene
 
 UNITS = {

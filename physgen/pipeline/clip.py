@@ -5,17 +5,18 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
+from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.export.video import Format
 from physgen.files import file_stamp
-from physgen.pipeline.labels import Labels
-from physgen.pipeline.options import Page, RenderOptions
 from physgen.pipeline.packs import scene_file
 from physgen.pipeline.refining import Refiners, guidance_footage, refine_footage
 from physgen.pipeline.stages import Film, Keep, Stages, chaos, drawn_by, fan, lint, render
@@ -24,13 +25,179 @@ from physgen.progress import Progress, silent
 
 if TYPE_CHECKING:
     from physgen.compile.world import World
+    from physgen.export.formats import LabelFormat
+    from physgen.export.labels import Moment
+    from physgen.maps import Percepts
     from physgen.pipeline.footage import Footage
+    from physgen.render.stage import Frame
     from physgen.report.record import RunRecord
     from physgen.report.refinement import RefinementStrip
     from physgen.report.uncertainty import UncertaintySection
+    from physgen.scene.scene import Scene
     from physgen.simulate.trajectory import Trajectory
-    from physgen.simulate.uncertainty import Ensemble
-    from physgen.simulate.uncertainty_summary import Verdict
+    from physgen.simulate.uncertainty import Ensemble, Verdict
+
+
+class Page(Enum):
+    """How much `report.html` holds."""
+
+    FULL = "full"
+    """With the player, the charts and what was perceived."""
+    PLAIN = "plain"
+    """Pictures and tables: half the time of a short clip is saved."""
+    NONE = "none"
+    """No page is written."""
+
+
+@dataclass(frozen=True)
+class SceneOrigin:
+    """Where a scene comes from, for the rendering of a copy."""
+
+    path: str
+    """Of the scene as the user names it: a path on another machine, or a URL."""
+    source: str
+    """Of the scene as the manifest names it; see `RunRecord.source`."""
+
+
+@dataclass(frozen=True)
+class RenderOptions:
+    """What a caller can choose about one clip of a scene."""
+
+    overrides: tuple[str, ...] = ()
+    """`KEY=VALUE`, as `--set` takes them."""
+    variant: str | None = None
+    name: str | None = None
+    """Of the clip's folder; None: the scene's name, followed by the variant's."""
+    allow_outside: bool = False
+    """Whether the scene may read files outside its folder."""
+    formats: tuple[Format, ...] = (Format.MP4,)
+    """Of the video; none where it is empty."""
+    command: tuple[str, ...] = ()
+    """The command line, for the manifest."""
+    chaos: bool = False
+    """Whether neighbouring simulations are run, too, for the report."""
+    draws: int = 0
+    """Simulations with drawn values of what is uncertain."""
+    draw_seed: int = 0
+    device: str = "cpu"
+    """Draws frames: `cpu`, `cuda` ..."""
+    cached: bool = True
+    """Whether motions and frames may come from the cache, and a complete clip of the same options is kept."""
+    page: Page = Page.FULL
+    single_file: bool = False
+    """Whether the page embeds the video, to be sent alone."""
+    export: tuple[str, ...] = ()
+    """Formats of ground truth: written to `truth/`, or to the clip's folder where there is no video."""
+    mark: str = ""
+    """Identifies all options and the code in the manifest."""
+    origin: SceneOrigin | None = None
+    """Set where the scene's file is a copy."""
+
+
+Tap = Callable[["Iterator[Frame]"], "Iterator[Frame]"]
+"""Returns the same frames."""
+
+
+@dataclass(frozen=True)
+class Labels:
+    """The formats of labels of one clip."""
+
+    kinds: Sequence[LabelFormat]
+    maps: Percepts | None
+    """Of the photo, where a format needs them."""
+
+    @classmethod
+    def of(cls, formats: Sequence[str], scene: Scene, maps: Percepts | None) -> Labels:
+        """Raises InputError where a format is unknown, or does not fit the scene."""
+        if not formats:
+            return cls((), None)
+        from physgen.export.formats import check_fits, chosen_formats
+
+        chosen = chosen_formats(formats)
+        check_fits(chosen, scene, maps)
+        return cls(chosen, maps if any(kind.maps for kind in chosen) else None)
+
+    def check_kept(self, final: Path) -> None:
+        """Raises InputError where the folder holds files of an earlier run that this one would remove."""
+        from physgen.report.folders import recorded_files
+        from physgen.text import listed
+
+        again = {"trajectory.npz", *(kind.name for kind in self.kinds)}
+        lost = sorted({name.partition("/")[0] for name in recorded_files(final)} - again)
+        if lost:
+            expected = f"holds {listed(lost, 'and')} of an earlier run, which would go"
+            fix = "name all formats at once, or choose another folder with -o"
+            raise InputError.of(str(final), "", expected, fix)
+
+    @contextmanager
+    def exported(self, film: Film, trajectory: Trajectory, folder: Path, record: RunRecord) -> Iterator[Tap]:
+        """Labels into `folder`, of the frames that go through the tap; complete when the block ends."""
+        if not self.kinds:
+            yield lambda frames: frames
+            return
+        from physgen.export.formats import open_writers
+        from physgen.export.labels import Clip, MomentQueue, starting_labels
+        from physgen.export.masks import extents
+        from physgen.report.record import StageTime
+
+        shot, scene, compiled = film.shot(trajectory), film.scene, film.compiled
+        labels = None if self.maps is None else self.maps.labels
+        clip = Clip(
+            scene.name,
+            scene,
+            compiled.world,
+            trajectory,
+            self.maps,
+            extents(film.stage, compiled.world),
+            scene.video_size,
+            scene.render.fps,
+            len(shot.order),
+            shot,
+            record.inputs,
+            sampled=film.sampled,
+            stood=starting_labels(compiled.labels, labels, compiled.scenery),
+        )
+        queues: list[MomentQueue] = []
+        with ExitStack() as held:
+            with record.stage("export"):
+                writers = held.enter_context(open_writers(self.kinds, folder, clip))
+
+            def write(moment: Moment | None) -> None:
+                if moment is not None:
+                    for writer in writers:
+                        writer.add(moment)
+
+            def tap(frames: Iterator[Frame]) -> Iterator[Frame]:
+                fine, parts = film.exposed(trajectory)
+                samples = [sample * parts + parts - 1 for sample in shot.order]
+                for frame in frames:
+                    wall, cpu = time.perf_counter(), time.thread_time()
+                    if not queues:
+                        queues.append(MomentQueue(clip.world, fine, samples, shot))
+                    write(queues[0].put(frame))
+                    wall, cpu = time.perf_counter() - wall, time.thread_time() - cpu
+                    for stage, sign in (("export", 1), ("render", -1)):  # the caller counts it as drawing
+                        times = record.stages.setdefault(stage, StageTime())
+                        times.wall += sign * wall
+                        times.cpu += sign * cpu
+                    yield frame
+
+            yield tap
+            with record.stage("export"):
+                write(queues[0].end() if queues else None)
+                held.close()
+
+    def of_frames(
+        self, film: Film, trajectory: Trajectory, folder: Path, record: RunRecord, progress: Progress
+    ) -> None:
+        """Labels into `folder`, of frames that are drawn for nothing else."""
+        if not self.kinds:
+            return
+        count = len(film.shot(trajectory).order)
+        with self.exported(film, trajectory, folder, record) as tap:
+            for index, _ in enumerate(tap(film.frames(trajectory))):
+                progress("export", index + 1, count)
+
 
 U8 = NDArray[np.uint8]
 
@@ -181,7 +348,7 @@ class _Run:
     def _draws(self) -> Draws | None:
         """Simulations with drawn values; None, and a warning, where no value of the scene is uncertain."""
         from physgen.simulate.uncertain_values import uncertain_values
-        from physgen.simulate.uncertainty_summary import verdicts
+        from physgen.simulate.uncertainty import verdicts
 
         scene, compiled, options = self.scene, self.film.compiled, self.options
         if not uncertain_values(scene, options.variant):
@@ -268,7 +435,7 @@ class Draws:
 
     def as_dict(self) -> dict[str, Any]:
         """For the manifest."""
-        from physgen.simulate.uncertainty_summary import headline
+        from physgen.simulate.uncertainty import headline
 
         ensemble = self.ensemble
         drawn = [

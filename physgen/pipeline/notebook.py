@@ -13,9 +13,8 @@ from urllib.parse import quote
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.compile.appearance import photo_poses
 from physgen.compile.compile import Compiled
-from physgen.compile.world import World
+from physgen.compile.world import World, photo_poses
 from physgen.problems import InputError
 from physgen.render.drawing import arrow
 from physgen.report.clips import FILMS, UNREFINED

@@ -127,7 +127,7 @@ def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
 
     Flat shapes are drawn as large as `render` shows them at most. Depends on nothing that only shows in motion.
     """
-    from physgen.compile.appearance import photo_poses, world_in_photo
+    from physgen.compile.world import photo_poses, world_in_photo
     from physgen.render.camera import canvas_scale
     from physgen.render.frames import single_threaded
     from physgen.render.sprites import cut_sprites
@@ -334,7 +334,7 @@ class Stages:
 
     def stage(self, scene: Scene, compiled: Compiled, maps: Maps) -> Stage:
         """See `stage`."""
-        from physgen.compile.appearance import appearance, photo_poses
+        from physgen.compile.world import appearance, photo_poses
         from physgen.pipeline.cache_keys import key
 
         drawn = compiled.outlines if maps.percepts is None else ()

@@ -20,11 +20,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from physgen.compile.world import World
-from physgen.geometry.framing import Point, affine, held, magnification, room
-from physgen.geometry.framing import Size as Size_of_framing
 from physgen.photometry import decode, encode_u8
 from physgen.render.stage import Cover, Frame
-from physgen.scene.scene import CameraView, Play, Scene
+from physgen.scene.scene import CameraView, Play, Point, Scene, affine, held, magnification, room
+from physgen.scene.scene import Size as Size_of_framing
 from physgen.simulate.trajectory import Trajectory
 
 U8 = NDArray[np.uint8]

@@ -17,8 +17,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.compile.appearance import body_in_photo
 from physgen.compile.compile import Compiled
+from physgen.compile.world import body_in_photo
 from physgen.maps import Percepts
 from physgen.photometry import DistantLight, encode_u8, sphere_normals
 from physgen.render.drawing import Colour, Layer, circle, straight_arrow, text_width

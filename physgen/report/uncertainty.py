@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from physgen.compile.world import World
 from physgen.report.html import fitted, jpeg
 from physgen.simulate.uncertain_values import UncertainValue
-from physgen.simulate.uncertainty import Ensemble, Fate
-from physgen.simulate.uncertainty_summary import VERBS, Verdict, headline, percent
+from physgen.simulate.uncertainty import VERBS, Ensemble, Fate, Verdict, headline, percent
 
 Array = NDArray[np.float64]
 U8 = NDArray[np.uint8]

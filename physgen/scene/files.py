@@ -12,8 +12,7 @@ import stat
 import warnings
 from pathlib import Path
 
-from physgen.files import Stamp, file_stamp
-from physgen.image_formats import EXIF_ORIENTATION, MOST_PIXELS, SCENE_FORMATS
+from physgen.files import EXIF_ORIENTATION, MOST_PIXELS, SCENE_FORMATS, Stamp, file_stamp
 from physgen.problems import InputError, Problem
 from physgen.scene.document import MAX_BYTES, Node, Source, decode, read
 from physgen.scene.overlay import merge

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from string import Template
 
-from physgen.files import resource
-from physgen.image_formats import MOST_PIXELS, SCENE_FORMATS
+from physgen.files import MOST_PIXELS, SCENE_FORMATS, resource
 from physgen.scene.document import MAX_BYTES, MAX_DEPTH, MAX_NODES, MAX_OBJECTS
 from physgen.scene.files import MAX_EXTENDS, SUFFIXES
 from physgen.scene.schema import Schema, expanded, measure

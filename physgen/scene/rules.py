@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from physgen import registry
-from physgen.files import Stamp, file_stamp
-from physgen.geometry.framing import video_size
-from physgen.image_formats import MOST_PIXELS
+from physgen.files import MOST_PIXELS, Stamp, file_stamp
 from physgen.scene.document import Node, children, items, whole
 from physgen.scene.files import MAPS, RefusedError, confined, image_size
+from physgen.scene.scene import video_size
 from physgen.scene.schema import advice, at
 from physgen.scene.validate import Findings
 from physgen.text import KeyPath, listed, nearest, number, quoted, shown

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from physgen import pipeline
-from physgen.compile.appearance import body_in_photo
-from physgen.compile.world import World
+from physgen.compile.world import World, body_in_photo
 from physgen.export.correspondence import photo_view
 from physgen.pipeline.notebook import svg
 from physgen.render.stage import Frame

@@ -18,7 +18,7 @@ from physgen.evaluate.objects import SHIPPED, Answer, Form, Item, Objects, read_
 from physgen.evaluate.properties import Asked, ask, findings, masses, order
 from physgen.problems import InputError
 from physgen.registry import Backends
-from physgen.simulate.uncertainty_summary import wilson
+from physgen.simulate.uncertainty import wilson
 
 TABLE = """\
 title: two balls and a box

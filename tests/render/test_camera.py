@@ -12,11 +12,11 @@ import pytest
 from pytest import approx
 
 from physgen import pipeline
-from physgen.geometry import framing
 from physgen.photometry import decode, encode_u8
 from physgen.render import camera as shots
 from physgen.render.camera import exposure_times, filmed, shot_of
 from physgen.render.stage import Frame
+from physgen.scene import scene as framing
 from physgen.simulate.engine import simulate
 
 W, H = 200, 120

@@ -10,8 +10,7 @@ import pytest
 from scipy import stats
 
 from physgen import pipeline
-from physgen.simulate.uncertainty import Ensemble, Fate, simulate_ensemble
-from physgen.simulate.uncertainty_summary import verdicts
+from physgen.simulate.uncertainty import Ensemble, Fate, simulate_ensemble, verdicts
 
 SLOPE = 24.0
 """degrees."""

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from physgen.evaluate.controllability import correlation, ranks
-from physgen.simulate.uncertainty_summary import radius, wilson
+from physgen.simulate.uncertainty import radius, wilson
 
 
 @pytest.mark.parametrize(("count", "total"), [(0, 2), (13, 32), (32, 32), (1, 1000)])

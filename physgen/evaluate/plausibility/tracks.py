@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
-from physgen.image_formats import MOST_PIXELS
+from physgen.files import MOST_PIXELS
 from physgen.problems import InputError, Place, Problem
 from physgen.scene.scene import Motion, Solid, View
 from physgen.text import natural
