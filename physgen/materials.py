@@ -25,6 +25,8 @@ METAL = 6.0
 """g/cm³ from which a noun's material is a heavy metal, so that `silver` names the metal and not the colour."""
 ALIKE = 1.12
 """Ratio of densities up to which two materials count as one for the mass."""
+GROWN = frozenset(["fruit", "vegetable", "eggshell", "bread", "cheese", "flesh"])
+"""Materials of food, of which there are copies in plastic."""
 TAIL = re.compile(r"\b(?:of|with|on|in|from|for|at|under|beside|made)\b|[,;:(/]")
 """Words and marks after which a label only describes the noun before them."""
 PLACES = frozenset([
@@ -194,7 +196,8 @@ def _row(noun: str, row: Mapping[str, Any], named: str | None) -> Kind:
         filled /= ratio
     source = row["source"] if noun and not other else material.source
     if other:
-        return replace(plain, filled=filled, holds=holds, mass=None, source=source)
+        wall = _table()[0][material.name].get("copies") if own.name in GROWN else None
+        return replace(plain, filled=filled, holds=holds, mass=None, wall=wall, source=source)
     core = tuple(row["core"]) if "core" in row else None
     return replace(plain, filled=filled, holds=holds, wall=row.get("wall"), core=core, source=source)
 

@@ -299,9 +299,9 @@ def _sentences(score: Masses | None, totals: Mapping[str, Order], asked: Asked, 
         )
     if asked.source == "table":
         lines.append(
-            "The backend reads materials.yaml, which has nothing from the table that ships: that table's masses and "
-            "comparisons of friction and elasticity are independent of it. Not independent are regulated weights, "
-            "such as a golf ball's: materials.yaml knows the rules."
+            "The backend reads materials.yaml, which has no number from the table that ships. Its masses are no blind "
+            "test: rows for kinds that the table asks about were written by those who knew it; and materials.yaml "
+            "knows the rules for regulated weights, such as a golf ball's."
         )
     return lines
 
