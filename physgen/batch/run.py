@@ -16,7 +16,8 @@ from typing import Any
 
 from physgen import pipeline
 from physgen.batch.outcomes import outcomes
-from physgen.batch.remote import RemoteFolder, fetch_scene, is_url, open_folder, url_below
+from physgen.batch.remote import RemoteFolder, is_url, open_folder, url_below
+from physgen.batch.remote_scene import fetch_scene
 from physgen.batch.resume import clip_mark, recorded_warnings, unchanged_clip, unchanged_inputs
 from physgen.batch.workers import LostError, run_parallel
 from physgen.export.video import NO_ROOM

@@ -12,8 +12,8 @@ from pathlib import Path
 import fsspec
 import pytest
 
-from physgen.batch import remote
-from physgen.batch.remote import fetch_scene
+from physgen.batch import remote, remote_scene
+from physgen.batch.remote_scene import fetch_scene
 from physgen.cli.main import main
 from physgen.problems import InputError
 from physgen.scene.load import Opened
@@ -25,7 +25,7 @@ SAME = ("samples", "frames", "inputs", "mark", "document", "video", "warnings", 
 @pytest.fixture
 def store() -> Iterator[fsspec.AbstractFileSystem]:
     """An object store that is empty, and that all tests of a process share."""
-    remote._FETCHED.clear()
+    remote_scene._FETCHED.clear()
     memory = fsspec.filesystem("memory")
     memory.store.clear()
     memory.pseudo_dirs[:] = [""]
