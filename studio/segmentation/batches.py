@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from network import MEAN, OFFSETS, SPREAD
 from numpy.typing import NDArray
-from store import SIDE, UNSAID, Store
+from store import IMMOVABLE, SIDE, UNSAID, Store
 
 CROP = 192
 """px of the pictures that the network learns from."""
@@ -40,6 +40,10 @@ class Batch:
     """(N, 3, HALF, HALF)."""
     shadow: NDArray[np.float32]
     """(N, HALF, HALF)."""
+    movable: NDArray[np.float32]
+    """(N, HALF, HALF): on an object that physgen moves."""
+    rendered: NDArray[np.float32]
+    """(N,): shadows are known."""
     said: NDArray[np.float32]
     """(N, HALF, HALF): 0 where nobody judges."""
     weight: NDArray[np.float32]
@@ -68,10 +72,8 @@ def _sample(store: Store, k: int, rng: np.random.Generator) -> tuple[NDArray[np.
     box = np.s_[y : y + tall, x : x + side]
     how = cv2.INTER_AREA if side > CROP else cv2.INTER_LINEAR
     rgb = cv2.resize(store.rgb[k][box], (CROP, CROP), interpolation=how)
-    # not centred: the shipped weights see labels half a pixel of their grid too low, which inference undoes;
-    # with INTER_NEAREST_EXACT here the next ones will not, and the two lines in physgen/perceive/segment/network.py go
     labels = cv2.resize(
-        np.ascontiguousarray(store.labels[k][box]), (HALF, HALF), interpolation=cv2.INTER_NEAREST
+        np.ascontiguousarray(store.labels[k][box]), (HALF, HALF), interpolation=cv2.INTER_NEAREST_EXACT
     )
     normals = cv2.resize(store.normals[k][box].astype(np.float32) / 127, (HALF, HALF))
     shadow = cv2.resize(store.shadow[k][box].astype(np.float32) / 255, (HALF, HALF))
@@ -138,4 +140,6 @@ def _rest(
     weight = np.clip(8 / radius, 0.4, 2.5)
     weight[[0, UNSAID]] = 1
     said = (labels != UNSAID).astype(np.float32)
-    return normals.transpose(2, 0, 1), shadow, said, weight[labels].astype(np.float32)
+    movable = ((labels > 0) & (labels < IMMOVABLE)).astype(np.float32)
+    rendered = np.float32(normals.any())
+    return normals.transpose(2, 0, 1), shadow, movable, rendered, said, weight[labels].astype(np.float32)

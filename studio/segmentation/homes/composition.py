@@ -12,6 +12,12 @@ from studio.segmentation.homes.placement import Placed, Support, arrange
 from studio.segmentation.homes.prints import Rng
 
 
+SCANNED = 0.6
+"""Share of the rooms of `train` where every other thing is a scanned one."""
+CLOSE = 0.3
+"""Share of the photos of `train` whose camera looks at one thing."""
+
+
 @dataclass(frozen=True)
 class Camera:
     """A thin-lens camera."""
@@ -61,6 +67,8 @@ def shot(seed: int, family: str, long_side: int) -> Shot:
     if family == "train":
         room = rooms.room(rng)
         kinds = some(rng, list(roster.makers(family)))
+        if rng.random() < SCANNED:
+            kinds += ["scan"] * len(kinds)
         count = int(rng.choice([0, 1, 2, 3, *range(4, 13), *range(4, 13), *range(13, 26)]))
     else:
         name = list(dwellings.KINDS)[seed % len(dwellings.KINDS)]
@@ -93,13 +101,16 @@ def camera(rng: Rng, room: Room, placed: list[Placed], family: str, long_side: i
     size = (long_side, round(long_side / aspect)) if aspect >= 1 else (round(long_side * aspect), long_side)
     first = room.supports[0]
     wide = first.size[0]
+    near = placed
     if placed:
-        points = np.concatenate([part.solid.vertices[::7] for p in placed for part in p.parts])
+        if family == "train" and rng.random() < CLOSE:
+            near = [placed[int(rng.integers(len(placed)))]]
+        points = np.concatenate([part.solid.vertices[::7] for p in near for part in p.parts])
         low, high = points.min(0), points.max(0)
     else:
         low, high = support_box(first)
     middle = (low + high) / 2
-    spread = max((high - low)[0], (high - low)[2] * aspect * 0.9, 0.3 * wide, 0.14)
+    spread = max((high - low)[0], (high - low)[2] * aspect * 0.9, *((0.3 * wide, 0.14) if near is placed else ()))
     if room.elevation[1] > 45:
         spread = max(spread, (high - low)[1] * aspect)
     spread *= rng.uniform(0.75, 1.5) if family == "train" else rng.uniform(0.92, 1.25)

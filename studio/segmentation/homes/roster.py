@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from studio.segmentation.homes import goods, living, tableware, toys
+from studio.segmentation.homes import goods, living, scans, tableware, toys
 from studio.segmentation.homes.parts import Thing
 from studio.segmentation.homes.prints import Rng
 
@@ -40,6 +40,7 @@ TRAIN_ONLY: dict[str, Maker] = {
     "robot": toys.robot,
     "rings": toys.rings,
     "duck": toys.duck,
+    "scan": scans.scan,
 }
 HOMES_ONLY: dict[str, Maker] = {
     "wineglass": tableware.wineglass,
