@@ -1,7 +1,7 @@
 # make demo: install, perceive and render the bundled photos, print the gallery's path
 # make test: install what tests need, lint, type-check, run the tests that are not slow
 # make test-slow: the slow tests alone
-# make train: draw and render pictures, train the network that finds objects, export it, train its judge; 90 minutes on two cores
+# make train: draw and render pictures, train the network that finds objects and export it; 100 minutes on two cores; needs PHYSGEN_MATERIAL
 # make studio: render the bundled photos and their truth again, from scratch, into out/studio, and compare; hours, and LLVM
 PYTHON ?= python3
 BIN = .venv/bin
@@ -41,13 +41,12 @@ studio: .venv/.studio
 SEG = studio/segmentation
 train: .venv/.studio
 	$(BIN)/python -m pip install --quiet $(TORCH)
-	$(BIN)/python $(SEG)/gather.py --drawn 9000 -o out/segmentation/drawn
-	$(BIN)/python $(SEG)/homes/make.py --family train --count 850 --seed 0 -o out/segmentation/homes --jobs 2
-	$(BIN)/python $(SEG)/homes/make.py --family train --count 56 --seed 5000 --size 448 -o out/segmentation/unseen --jobs 2
+	$(BIN)/python $(SEG)/gather.py --drawn 4000 -o out/segmentation/drawn
+	$(BIN)/python $(SEG)/homes/make.py --family train --count 340 --seed 0 --size 320 -o out/segmentation/homes --jobs 2
 	$(BIN)/python $(SEG)/gather.py --pictures out/segmentation/homes -o out/segmentation/homes-store
-	$(BIN)/python $(SEG)/train.py out/segmentation/drawn=0.6 out/segmentation/homes-store=0.4 --minutes 58 -o out/segmentation
+	$(BIN)/python $(SEG)/coco.py -o out/segmentation/coco
+	$(BIN)/python $(SEG)/train.py out/segmentation/drawn=0.25 out/segmentation/homes-store=0.3 out/segmentation/coco=0.45 --steps 3200 -o out/segmentation
 	$(BIN)/python $(SEG)/export.py out/segmentation/weights.pt
-	$(BIN)/python $(SEG)/judge.py out/segmentation/unseen --drawn 160
 
 .venv/.python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "physgen needs Python 3.11 or newer: make PYTHON=python3.12"; exit 1; }

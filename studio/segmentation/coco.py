@@ -76,7 +76,9 @@ def main() -> None:
                 side = int(min(height, width) * rng.uniform(LEAST, 1))
                 y, x = int(rng.integers(height - side + 1)), int(rng.integers(width - side + 1))
                 box = np.s_[y : y + side, x : x + side]
-            store.put_maps(VIEWS * k + view, np.ascontiguousarray(rgb[box]), np.ascontiguousarray(labels[box]))
+            store.put_maps(
+                VIEWS * k + view, np.ascontiguousarray(rgb[box]), np.ascontiguousarray(labels[box])
+            )
 
 
 if __name__ == "__main__":

@@ -46,7 +46,7 @@ def main() -> None:
     files = sorted(
         parser.parse_args().folder.glob("*.pt"), key=lambda p: int("0" + "".join(filter(str.isdigit, p.stem)))
     )
-    files.sort(key=lambda p: p.stem == "weights")
+    files = sorted((p for p in files if p.stem != "state"), key=lambda p: p.stem == "weights")
     for file in files:
         network = Network().eval()
         network.load_state_dict(torch.load(file, map_location="cpu", weights_only=True))

@@ -136,7 +136,7 @@ def train(
                 else:
                     ours.copy_(theirs)
         for name, part in parts.items():
-            running[name] = 0.98 * running.get(name, float(part)) + 0.02 * float(part.detach())
+            running[name] = 0.98 * running.get(name, float(part.detach())) + 0.02 * float(part.detach())
         if rank:
             continue
         minutes = (time.monotonic() - started) / 60

@@ -33,7 +33,9 @@ def true_maps(labels: np.ndarray, sure: float = 0.97) -> NetworkMaps:
 
     normals = np.zeros((*labels.shape, 3), np.float32)
     normals[..., 2] = 1
-    return NetworkMaps(said(on), said(border), said(pairs), normals, np.zeros(labels.shape, np.float32))
+    return NetworkMaps(
+        said(on), said(border), said(pairs), normals, np.zeros(labels.shape, np.float32), said(on)
+    )
 
 
 def touching() -> np.ndarray:
@@ -56,7 +58,8 @@ def whole(mask: np.ndarray) -> Proposal:
 
 def test_every_object_is_among_the_parts() -> None:
     labels = touching()
-    found = network_proposals(true_maps(labels), 14, labels.size // 2)
+    found, wholes = network_proposals(true_maps(labels), 14, labels.size // 2)
+    assert len(wholes) == 7
     for k in range(1, 8):
         if k == 6:  # a proposal has no hole: the ring is found with what it holds
             truth = (labels == 6) | (labels == 7)

@@ -31,7 +31,9 @@ class LearnedConstants:
     """Mean foreground from which the bonus counts in part, and in full."""
     best: float = 0.99
     """Highest fit with the bonus."""
-    confident: float = 0.31
+    alike: tuple[float, float] = (0.33, 1.0)
+    """Likeness to a group of affinity from which the bonus counts in part, and in full."""
+    confident: float = 0.25
     """Confidence from which a proposal is an object."""
     doubtful: float = 0.1
     """Confidence from which a proposal is a doubtful object."""
@@ -39,6 +41,12 @@ class LearnedConstants:
     """Of a selected proposal whose colours continue around it."""
     certain: float = 0.9
     """Fit from which that is not checked."""
+    movable: float = 0.5
+    """Mean movability from which an object may be moved: people, animals and furniture are none."""
+    inside: float = 0.7
+    """Share of a selected proposal in a whole from which it is one of its parts."""
+    covered: float = 0.4
+    """Share of a whole that its two or more parts cover, from which it replaces them."""
     doubts: int = 8
     """Doubtful objects at most."""
     straight: float = 0.01
@@ -63,7 +71,9 @@ def chosen(rgb: NDArray[np.uint8], found: Candidates) -> Segments:
     fit = worth(found, expected_fit(found.evidence))
     best = choose(found, fit)
     fit[best] -= LEARNED.gap_penalty * gaps(rgb, found, fit, best)
-    sure = best[confidence(fit[best]) >= LEARNED.confident]
+    sure = joined(found, fit, best[confidence(fit[best]) >= LEARNED.confident])
+    fit[found.movable < LEARNED.movable] = 0
+    sure = sure[fit[sure] > 0]
     some = [found.proposals[k] for k in sure.tolist()]
     objects = as_segments(rgb, some, fit[sure], confidence(fit[sure]), found.shape)
     return replace(objects, doubtful=doubts(found, fit, sure, rgb.shape[:2]))
@@ -97,7 +107,23 @@ def worth(found: Candidates, fit: NDArray[np.float64]) -> NDArray[np.float64]:
     share = np.clip(
         (foreground - LEARNED.foreground[0]) / (LEARNED.foreground[1] - LEARNED.foreground[0]), 0, 1
     )
-    return np.minimum(fit + LEARNED.agreement * found.edges * share, LEARNED.best)
+    alike = np.clip((found.likeness - LEARNED.alike[0]) / (LEARNED.alike[1] - LEARNED.alike[0]), 0, 1)
+    return np.minimum(fit + LEARNED.agreement * found.edges * share * alike, LEARNED.best)
+
+
+def joined(found: Candidates, fit: NDArray[np.float64], best: NDArray[np.intp]) -> NDArray[np.intp]:
+    """The selected candidates, two or more parts of one whole replaced by it, the largest wholes first; `fit` (n,) of
+    a whole becomes at least its parts' mean."""
+    area = np.array([one.area for one in found.proposals], np.float64)
+    wholes = np.flatnonzero(found.whole)
+    for whole in wholes[np.argsort(-area[wholes], kind="stable")].tolist():
+        common = np.array([overlap(found.proposals[whole], found.proposals[k]) for k in best.tolist()])
+        parts = common > LEARNED.inside * area[best]
+        if parts.sum() > 1 and common[parts].sum() > LEARNED.covered * area[whole]:
+            mean = float(np.average(fit[best[parts]], weights=area[best[parts]]))
+            fit[whole] = max(float(fit[whole]), mean)
+            best = np.append(best[~parts], whole)
+    return best
 
 
 def gaps(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,16 @@ from numpy.typing import NDArray
 from physgen.perceive.segment.gradient import Gradient
 from physgen.perceive.segment.network import OFFSETS, NetworkMaps
 from physgen.perceive.segment.proposals import Mask, Proposal, cut_out, distinct, outline
-from physgen.perceive.segment.regions import EDGE_CAP, basins, merge_tree, node_region, rank_boxes
+from physgen.perceive.segment.regions import (
+    EDGE_CAP,
+    MergeTree,
+    PixelPairs,
+    affinity_tree,
+    basins,
+    merge_tree,
+    node_region,
+    rank_boxes,
+)
 from physgen.perceive.segment.selection import WIDEST_AREAS, search_edges
 
 F32 = NDArray[np.float32]
@@ -52,6 +61,10 @@ class CandidateConstants:
     """Width of the logistic from score to confidence."""
     least_foreground: float = 0.2
     """Mean foreground of a proposal below which it is dropped."""
+    joining: int = 9
+    """px of the grid: pairs of pixels up to so far apart say which basins belong together."""
+    whole: float = 0.4
+    """Mean affinity from which parts are one object."""
     smallest: int = 14
     """px of the network's grid, of the smallest proposal."""
 
@@ -190,18 +203,82 @@ def border_relief(seen: NetworkMaps) -> F32:
     )
 
 
-def network_proposals(seen: NetworkMaps, smallest: int, largest: int) -> list[Proposal]:
-    """Proposals on the grid of the network's output, of `smallest` to `largest` px of it."""
-    height = border_relief(seen)
-    labels = basins(cv2.GaussianBlur(height, (0, 0), 1.0).astype(np.float32))
-    found = _joined(labels, seen.foreground, height * np.float32(EDGE_CAP), smallest, largest)
+@dataclass(frozen=True, eq=False)
+class Groups:
+    """The merge tree of the network's basins by affinity: wholes are groups far apart from their neighbours."""
+
+    tree: MergeTree
+    ranks: NDArray[np.int64]
+    """(h, w): the rank of each pixel's basin."""
+    sizes: NDArray[np.int64]
+    """(basins + 1,): px of the basins of lower rank."""
+    grounds: NDArray[np.bool_]
+    """(nodes,): basins that are on no object."""
+
+    @property
+    def areas(self) -> NDArray[np.int64]:
+        """(nodes,) px."""
+        return np.asarray(self.sizes[self.tree.span[:, 1]] - self.sizes[self.tree.span[:, 0]])
+
+    def likeness(self, one: Proposal) -> float:
+        """The IoU of a proposal with the group most like it."""
+        left, top, right, bottom = one.box
+        inside = np.bincount(self.ranks[top:bottom, left:right][one.mask], minlength=len(self.sizes) - 1)
+        below = np.concatenate([[0], np.cumsum(inside)])
+        shared = below[self.tree.span[:, 1]] - below[self.tree.span[:, 0]]
+        return float((shared / (self.areas + one.area - shared)).max())
+
+    @property
+    def wholes(self) -> NDArray[np.bool_]:
+        """(nodes,): the largest groups whose parts all belong together."""
+        parent = self.tree.parent
+        beyond = np.where(parent >= 0, self.tree.height[parent], 1.0)
+        apart = 1 - CANDIDATES.whole
+        return np.asarray(~self.grounds & (self.tree.height < apart) & (beyond >= apart))
+
+
+@lru_cache(maxsize=2)
+def grouped(seen: NetworkMaps) -> Groups:
+    """The groups in a photo's maps."""
+    height, width = seen.foreground.shape
+    labels = basins(cv2.GaussianBlur(border_relief(seen), (0, 0), 1.0).astype(np.float32))
+    count = int(labels.max()) + 1
+    areas = np.bincount(labels.ravel(), minlength=count)
+    kept = np.bincount(labels.ravel(), seen.foreground.ravel(), count) >= CANDIDATES.on * areas
+    pairs = []
+    for (down, right), affinity in zip(OFFSETS, seen.pairs, strict=True):
+        if max(down, abs(right)) <= CANDIDATES.joining:
+            here = slice(0, height - down), slice(max(-right, 0), width - max(right, 0))
+            there = slice(down, height), slice(max(right, 0), width + min(right, 0))
+            pairs.append(PixelPairs(here, there, affinity[here]))
+    tree = affinity_tree(labels, kept, pairs)
+    sizes = np.concatenate([[0], np.cumsum(areas[np.argsort(tree.rank)])])
+    grounds = np.zeros(len(tree.parent), bool)
+    grounds[:count] = ~kept
+    return Groups(tree, tree.rank[labels], sizes, grounds)
+
+
+def network_proposals(
+    seen: NetworkMaps, smallest: int, largest: int
+) -> tuple[list[Proposal], list[Proposal]]:
+    """Proposals on the grid of the network's output, of `smallest` to `largest` px of it; and the wholes among them."""
+    groups = grouped(seen)
+    some = ~groups.grounds & (groups.areas >= smallest) & (groups.areas <= 1.2 * largest)
+    boxes = rank_boxes(groups.ranks, len(groups.sizes) - 1)
+    found: list[Proposal | None] = []
+    wholes = []
+    for (first, last), whole in zip(groups.tree.span[some].tolist(), groups.wholes[some], strict=True):
+        one = node_region(groups.ranks, boxes, first, last, smallest)
+        found.append(one)
+        if whole and one is not None and one.area <= largest:
+            wholes.append(one)
     for level in CANDIDATES.levels:
         mask = seen.foreground > level
         _, pieces, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=4)
         for k, (x, y, w, h, size) in enumerate(stats.tolist()):
             if k and smallest <= size <= 1.2 * largest:
                 found.append(cut_out(pieces[y : y + h, x : x + w] == k, x, y, smallest))
-    return [one for one in found if one is not None and one.area <= largest]
+    return [one for one in found if one is not None and one.area <= largest], wholes
 
 
 def guided_proposals(gradient: Gradient, seen: NetworkMaps, smallest: int, largest: int) -> list[Proposal]:
@@ -258,6 +335,12 @@ class Candidates:
     """(n,): which of them the network proposed."""
     edges: NDArray[np.float64]
     """(n,) 0..1: confidence of the selection by edges alone; 0 where it did not select the proposal."""
+    likeness: NDArray[np.float64]
+    """(n,) 0..1: IoU with the group of the network's affinities most like the proposal."""
+    movable: NDArray[np.float64]
+    """(n,) 0..1: mean movability."""
+    whole: NDArray[np.bool_]
+    """(n,): the largest groups whose parts the network sees as one."""
 
 
 def candidates(rgb: NDArray[np.uint8], seen: NetworkMaps) -> Candidates:
@@ -266,28 +349,36 @@ def candidates(rgb: NDArray[np.uint8], seen: NetworkMaps) -> Candidates:
     shape, grid = by_edges.shape, seen.foreground.shape
     cells = grid[0] * grid[1]
     least, most = WIDEST_AREAS
-    own = network_proposals(seen, max(CANDIDATES.smallest, round(least * cells)), round(most * cells))
+    own, wholes = network_proposals(seen, max(CANDIDATES.smallest, round(least * cells)), round(most * cells))
     bounds = (max(12, round(part * shape[0] * shape[1])) for part in (least, most))
     both_ways = distinct([*by_edges.proposals, *guided_proposals(by_edges.gradient, seen, *bounds)])
-    pool: list[tuple[Proposal | None, Proposal | None, bool]] = [
-        (one, rescaled(one, shape, grid), False) for one in (*by_edges.chosen, *both_ways)
+    pool: list[tuple[Proposal | None, Proposal | None]] = [
+        (one, rescaled(one, shape, grid)) for one in (*by_edges.chosen, *both_ways)
     ]
-    pool += [(rescaled(one, grid, shape), one, True) for one in distinct(own)]
-    confident = np.zeros(len(pool))
-    confident[: len(by_edges.chosen)] = 1 / (
+    of_photo = len(pool)
+    pool += [(rescaled(one, grid, shape), one) for one in (*wholes, *distinct(own))]
+    agreed = np.zeros(len(pool))
+    agreed[: len(by_edges.chosen)] = 1 / (
         1 + np.exp((CANDIDATES.score_middle - by_edges.scores) / CANDIDATES.score_width)
     )
     both = [
-        (fine, rough, learned, agreed)
-        for (fine, rough, learned), agreed in zip(pool, confident.tolist(), strict=True)
-        if fine is not None and rough is not None and _on(rough, seen) >= CANDIDATES.least_foreground
+        (k, fine, rough)
+        for k, (fine, rough) in enumerate(pool)
+        if fine is not None
+        and rough is not None
+        and _mean(seen.foreground, rough) >= CANDIDATES.least_foreground
     ]
+    kept = np.array([k for k, _, _ in both], np.intp)
+    groups, roughs = grouped(seen), [rough for _, _, rough in both]
     return Candidates(
         shape,
-        [fine for fine, _, _, _ in both],
-        proposal_features([rough for _, rough, _, _ in both], seen),
-        np.array([learned for _, _, learned, _ in both], bool),
-        np.array([agreed for _, _, _, agreed in both], np.float64),
+        [fine for _, fine, _ in both],
+        proposal_features(roughs, seen),
+        np.asarray(kept >= of_photo),
+        agreed[kept],
+        np.array([groups.likeness(rough) for rough in roughs], np.float64),
+        np.array([_mean(seen.movable, rough) for rough in roughs], np.float64),
+        np.asarray((kept >= of_photo) & (kept < of_photo + len(wholes))),
     )
 
 
@@ -301,10 +392,10 @@ def judged_fit(some: Sequence[Proposal], seen: NetworkMaps, shape: tuple[int, in
     return fit
 
 
-def _on(one: Proposal, seen: NetworkMaps) -> float:
-    """Mean foreground of a proposal on the network's grid."""
+def _mean(values: F32, one: Proposal) -> float:
+    """Mean of a map of the network (h, w) on a proposal of its grid."""
     left, top, right, bottom = one.box
-    return float(seen.foreground[top:bottom, left:right][one.mask].mean())
+    return float(values[top:bottom, left:right][one.mask].mean())
 
 
 def rescaled(one: Proposal, shape: tuple[int, int], onto: tuple[int, int]) -> Proposal | None:

@@ -1,4 +1,4 @@
-"""The segmentation network: foreground, borders, pixel affinities, normals and shadows of a photo.
+"""The segmentation network: foreground, borders, pixel affinities, normals, shadows and movability of a photo.
 
 The weights come from `studio/segmentation`; OpenCV runs them.
 """
@@ -17,8 +17,6 @@ from numpy.typing import NDArray
 
 F32 = NDArray[np.float32]
 LOCK = Lock()
-LABELLED = slice(0, 10)
-"""Channels learned from label maps: foreground, boundary, pairs."""
 
 WEIGHTS = "segmentation.onnx"
 OFFSETS = ((3, 0), (0, 3), (9, 0), (0, 9), (9, 9), (9, -9), (27, 0), (0, 27))
@@ -34,7 +32,7 @@ PASSES = 256, 512
 outputs are averaged. Of a few pairs tried, this one finds most in the validation homes."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class NetworkMaps:
     """Maps (h, w) of half the size of the largest pass."""
 
@@ -48,6 +46,8 @@ class NetworkMaps:
     """(h, w, 3) unit: +x right, +y down, +z to the viewer."""
     shadow: F32
     """0..1: in a cast shadow."""
+    movable: F32
+    """0..1: if on an object, on one that may be moved: no person, animal or piece of furniture."""
 
 
 def run_network(rgb: NDArray[np.uint8], sides: Sequence[int] = PASSES) -> NetworkMaps:
@@ -70,14 +70,17 @@ def _seen(codes: bytes, height: int, width: int, sides: tuple[int, ...]) -> Netw
     normals = normals / np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-6)
     # offsets mean longer distances in smaller passes: affinities come from the largest pass alone
     pairs = 1 / (1 + np.exp(-np.clip(passes[-1][2:10], -30, 30)))
-    maps = chances[0], chances[1], np.asarray(pairs, np.float32), np.asarray(normals, np.float32), chances[13]
+    maps = (
+        chances[0], chances[1], np.asarray(pairs, np.float32), np.asarray(normals, np.float32),
+        chances[13], chances[14],
+    )  # fmt: skip
     for part in maps:
         part.setflags(write=False)
     return NetworkMaps(*maps)
 
 
 def _pass(rgb: NDArray[np.uint8], side: int) -> F32:
-    """(14, h, w) raw output for the photo with `side` px along its longer side; h, w half of that photo's."""
+    """(15, h, w) raw output for the photo with `side` px along its longer side; h, w half of that photo's."""
     height, width = rgb.shape[:2]
     scale = side / max(height, width)
     size = max(round(width * scale / 2), 1) * 2, max(round(height * scale / 2), 1) * 2
@@ -89,10 +92,7 @@ def _pass(rgb: NDArray[np.uint8], side: int) -> F32:
     network = _network()
     with LOCK:  # a net holds state between the calls
         network.setInput(np.ascontiguousarray(blob))
-        output = np.array(network.forward()[0, :, : size[1] // 2, : size[0] // 2], np.float32)
-    # labels were half a pixel of this grid too low in the training data (studio/segmentation/batches.py)
-    output[LABELLED, :-1] = 0.5 * (output[LABELLED, :-1] + output[LABELLED, 1:])
-    return output
+        return np.array(network.forward()[0, :, : size[1] // 2, : size[0] // 2], np.float32)
 
 
 @cache

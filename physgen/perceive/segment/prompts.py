@@ -55,7 +55,7 @@ class PromptSearch:
     Boxes were 10 % loose or had sides 10 % off.
     """
 
-    weak: float = 0.25
+    weak: float = 0.33
     """Confidence below which the user is asked to check the object."""
     likely: float = 0.5
     """Confidence from which a point takes the segmenter's object."""
@@ -149,7 +149,8 @@ def from_prompts(rgb: Rgb, boxes: Sequence[Box], points: Sequence[Point], segmen
     """One object for each box and then for each point: ids 1, 2, ...
 
     A backend that takes prompts answers first. The rest is searched among proposals: a box by `object_in_box`; a
-    point takes the object that `segment` finds there, else `object_at_pixel`, else the area of one colour around it.
+    point takes the object that `segment` finds there, unless another point lies on it too and asks for less, else
+    `object_at_pixel`, else the area of one colour around it.
     Raises InputError with every box or point that is off the photo or shows no object.
     """
     masks: list[PromptedMask] = []
@@ -164,7 +165,7 @@ def from_prompts(rgb: Rgb, boxes: Sequence[Box], points: Sequence[Point], segmen
             problems += error.problems
     for k, point in enumerate(points, len(boxes)):
         try:
-            masks.append(answers.get(k) or segment_point(rgb, point, found(), known))
+            masks.append(answers.get(k) or segment_point(rgb, point, found(), known, points))
         except InputError as error:
             problems += error.problems
     if problems:
@@ -210,17 +211,24 @@ def segment_box(rgb: Rgb, box: Box) -> PromptedMask:
 
 
 def segment_point(
-    rgb: Rgb, point: Point, segments: Segments | None, known: Callable[[], PhotoProposals] | None = None
+    rgb: Rgb,
+    point: Point,
+    segments: Segments | None,
+    known: Callable[[], PhotoProposals] | None = None,
+    points: Sequence[Point] = (),
 ) -> PromptedMask:
     """The object at a point: of `segments`, else the best proposal, else the area of one colour.
 
-    `known` returns the photo's proposals, computed once for many points.
+    `known` returns the photo's proposals, computed once for many points. What also holds another of the `points`
+    is not meant.
     """
     height, width = rgb.shape[:2]
     x, y = _pixel(rgb, point)
-    if segments is not None and (i := int(likely_labels(segments)[y, x])):
+    others = [_pixel(rgb, other) for other in points if tuple(other) != tuple(point)]
+    i = int(likely_labels(segments)[y, x]) if segments is not None else 0
+    if segments is not None and i and not any(segments.labels[v, u] == i for u, v in others):
         return PromptedMask(segments.labels == i, float(segments.confidence[i - 1]))
-    best = object_at_pixel(rgb, known() if known else photo_proposals(rgb), x, y)
+    best = object_at_pixel(rgb, known() if known else photo_proposals(rgb), x, y, others)
     if best is not None:
         return best
     lab = cv2.GaussianBlur(cv2.cvtColor(rgb, cv2.COLOR_RGB2LAB), (0, 0), 1.0)
@@ -368,7 +376,7 @@ def _photo_proposals(
     shape, grid = (rgb.shape[0], rgb.shape[1]), seen.foreground
     least = max(SMALLEST_OBJECT, round(smallest * grid.size / (shape[0] * shape[1])))
     found = stable_regions(colour, gradient, smallest, largest) + discs(gradient, smallest, largest)
-    own = (rescaled(one, grid.shape, shape) for one in network_proposals(seen, least, grid.size))
+    own = (rescaled(one, grid.shape, shape) for one in network_proposals(seen, least, grid.size)[0])
     found += [one for one in own if one is not None and smallest <= one.area <= largest]
     found = distinct([*found, *guided_proposals(gradient, seen, smallest, largest), *more])
     return PhotoProposals(rgb, colour, gradient, seen, found, judged_fit(found, seen, shape))
@@ -406,17 +414,23 @@ def _worth(score: Floats, fit: Floats) -> Floats:
     return SEARCH.score_power * np.log(np.maximum(score, 0.02)) + np.log(np.maximum(fit, 0.05))
 
 
-def object_at_pixel(rgb: Rgb, known: PhotoProposals, x: int, y: int) -> PromptedMask | None:
-    """The best of the `known` proposals at a pixel of the photo; None where none scores like an object."""
+def object_at_pixel(
+    rgb: Rgb, known: PhotoProposals, x: int, y: int, others: Sequence[tuple[int, int]] = ()
+) -> PromptedMask | None:
+    """The best of the `known` proposals at a pixel of the photo, and at none of the `others`; None where none scores
+    like an object."""
     shape = known.rgb.shape[0], known.rgb.shape[1]
-    at = (
-        min(shape[1] - 1, int((x + 0.5) * shape[1] / rgb.shape[1])),
-        min(shape[0] - 1, int((y + 0.5) * shape[0] / rgb.shape[0])),
+    at, *off = (
+        (
+            min(shape[1] - 1, int((u + 0.5) * shape[1] / rgb.shape[1])),
+            min(shape[0] - 1, int((v + 0.5) * shape[0] / rgb.shape[0])),
+        )
+        for u, v in ((x, y), *others)
     )
 
     def prior(one: Proposal) -> float:
         depth = _depth(one, at)
-        if depth == 0:
+        if depth == 0 or any(_depth(one, other) for other in off):
             return -float("inf")
         return SEARCH.area_power * log(one.area) + SEARCH.depth_power * log(max(depth, 0.05))
 

@@ -1,8 +1,9 @@
-"""Proposals from the gradient: stable regions of a merge tree of basins, and circles by a Hough transform."""
+"""Regions from merge trees of basins, by colour or by the affinity of pixels, and circles by a Hough transform."""
 
 from __future__ import annotations
 
 import heapq
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -129,6 +130,16 @@ def _across_rim(gradient: Gradient, circles: Circles, factor: NDArray[np.float64
     return gradient.across(x, y, ANGLES)
 
 
+@dataclass(frozen=True, eq=False)
+class PixelPairs:
+    """Pairs of pixels of a map at one offset."""
+
+    here: tuple[slice, slice]
+    there: tuple[slice, slice]
+    affinity: NDArray[np.float32]
+    """Of the shape of either: probability that both belong to one object."""
+
+
 COLOUR_WEIGHT = 0.25
 """Weight of the difference of mean colour against the gradient along the boundary; chosen on photos."""
 STALE = 0.05
@@ -223,6 +234,55 @@ def merge_tree(
                 before = beside[a].get(other, (0, 0.0))
                 beside[a][other] = beside[other][a] = before[0] + length, before[1] + total
                 heapq.heappush(queue, (difference(a, other), a, other))
+    return MergeTree(np.array(height), np.array(parent), *_spans(parent, children, count))
+
+
+def affinity_tree(
+    labels: NDArray[np.int32], kept: NDArray[np.bool_], pairs: Sequence[PixelPairs]
+) -> MergeTree:
+    """The tree of basins `labels` (H, W) by one minus the mean affinity of the pixel pairs across their boundary;
+    basins that are not `kept` (basins,) stay alone (greedy additive clustering, as in Keuper et al. 2015)."""
+    count = int(labels.max()) + 1
+    keys, values = [np.zeros(0, np.int64)], [np.zeros(0, np.float32)]
+    for pair in pairs:
+        ours, theirs = labels[pair.here].astype(np.int64), labels[pair.there].astype(np.int64)
+        across = (ours != theirs) & kept[ours] & kept[theirs]
+        keys.append(np.minimum(ours, theirs)[across] * count + np.maximum(ours, theirs)[across])
+        values.append(pair.affinity[across])
+    unique, inverse = np.unique(np.concatenate(keys), return_inverse=True)
+    sums, lengths = np.bincount(inverse, np.concatenate(values)), np.bincount(inverse)
+    beside: list[dict[int, tuple[float, int]]] = [{} for _ in range(count)]
+    for key, total, length in zip(unique.tolist(), sums.tolist(), lengths.tolist(), strict=True):
+        a, b = divmod(key, count)
+        beside[a][b] = beside[b][a] = (total, length)
+    node, version, alive = list(range(count)), [0] * count, [True] * count
+    height, parent = [0.0] * count, [-1] * count
+    children: dict[int, tuple[int, int]] = {}
+
+    def queued(a: int, b: int) -> tuple[float, int, int, int, int]:
+        total, length = beside[a][b]
+        return 1 - total / length, a, b, version[a], version[b]
+
+    queue = [queued(a, b) for a in range(count) for b in beside[a] if a < b]
+    heapq.heapify(queue)
+    while queue:
+        cost, a, b, of_a, of_b = heapq.heappop(queue)
+        if not (alive[a] and alive[b]) or version[a] != of_a or version[b] != of_b:
+            continue
+        new = len(parent)
+        children[new] = node[a], node[b]
+        height.append(max(cost, height[node[a]], height[node[b]]))
+        parent[node[a]] = parent[node[b]] = new
+        parent.append(-1)
+        alive[b], node[a] = False, new
+        version[a] += 1
+        del beside[a][b], beside[b][a]
+        for other, (total, length) in beside[b].items():
+            del beside[other][b]
+            before = beside[a].get(other, (0.0, 0))
+            beside[a][other] = beside[other][a] = before[0] + total, before[1] + length
+        for other in beside[a]:
+            heapq.heappush(queue, queued(a, other))
     return MergeTree(np.array(height), np.array(parent), *_spans(parent, children, count))
 
 

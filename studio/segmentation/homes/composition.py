@@ -11,7 +11,6 @@ from studio.segmentation.homes.furniture import Room
 from studio.segmentation.homes.placement import Placed, Support, arrange
 from studio.segmentation.homes.prints import Rng
 
-
 SCANNED = 0.6
 """Share of the rooms of `train` where every other thing is a scanned one."""
 CLOSE = 0.3
@@ -110,7 +109,9 @@ def camera(rng: Rng, room: Room, placed: list[Placed], family: str, long_side: i
     else:
         low, high = support_box(first)
     middle = (low + high) / 2
-    spread = max((high - low)[0], (high - low)[2] * aspect * 0.9, *((0.3 * wide, 0.14) if near is placed else ()))
+    spread = max(
+        (high - low)[0], (high - low)[2] * aspect * 0.9, *((0.3 * wide, 0.14) if near is placed else ())
+    )
     if room.elevation[1] > 45:
         spread = max(spread, (high - low)[1] * aspect)
     spread *= rng.uniform(0.75, 1.5) if family == "train" else rng.uniform(0.92, 1.25)

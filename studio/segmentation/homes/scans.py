@@ -43,7 +43,9 @@ def scan(rng: Rng, family: str) -> Thing:
     if texture.exists():
         image, finish = picture(texture), str(rng.choice(["matt", "satin", "satin", "glossy"]))
     else:
-        image = prints.pattern(rng, family) if rng.random() < 0.6 else prints.plain(prints.colour(rng, family))
+        image = (
+            prints.pattern(rng, family) if rng.random() < 0.6 else prints.plain(prints.colour(rng, family))
+        )
         finish = str(rng.choice(FINISHES[:4]))
     return standing("scan", [Part(solid, finish, image)])
 
@@ -61,7 +63,9 @@ def read(path: Path) -> Solid:
     """A binary little-endian PLY with x, y, z, u, v and triangles, reduced to about `TRIANGLES`."""
     head, _, body = path.read_bytes().partition(b"end_header\n")
     counts = {
-        words[1]: int(words[2]) for words in map(str.split, head.decode().splitlines()) if words[0] == "element"
+        words[1]: int(words[2])
+        for words in map(str.split, head.decode().splitlines())
+        if words[0] == "element"
     }
     corner = np.dtype("<f4")
     split = counts["vertex"] * 5 * 4
