@@ -99,7 +99,9 @@ def properties(rows: Any) -> list[Row]:
     asked = ("Mass?", "Friction?", "Elasticity?")
     command = "`physgen evaluate properties` ([properties.md](properties.md))"
     found = [sentence.split(" The paper: ") for sentence in told]
-    found[0][0] += " Label and size are given, and the table's rows were written by those who knew what is asked."
+    found[0][0] += (
+        " Label and size are given, and the table's rows were written by those who knew what is asked."
+    )
     return [
         (what, here, there.rstrip("."), command) for what, (here, there) in zip(asked, found, strict=True)
     ]

@@ -44,9 +44,11 @@ pairs by friction and of 7 by elasticity. Here it is whoever fills the role `phy
 **The objects** (`physgen/evaluate/objects.yaml`) were weighed and measured by others, the authors of the YCB
 set, and compared by others: cargo standards, a textbook, a collection of drops. `physgen/materials.yaml`, which
 the backend `table` reads, has no number from there. **It is no blind test any more**: once 12 of the 42 masses came out
-to within 30 %, kinds that the table lacked got rows (cans of tuna, meat, coffee and crisps; boxes of crackers, sugar and
+to within 30 %, kinds that the table lacked got rows (cans of tuna, meat, coffee and crisps; boxes of crackers, sugar
+and
 powder; racquetballs), copies of fruit in plastic became hollow, and outlines that cover more of their box than
-such objects do count as coarse. The numbers are net weights, bulk densities and rules as the rows name them, but whoever wrote
+such objects do count as coarse. The numbers are net weights, bulk densities and rules as the rows name them, but
+whoever wrote
 them knew what is asked and what the answers are. Less independent, too: weights
 that rules fix (the line without them says how much they help), and the studio's photos, whose masses,
 frictions and elasticities were set by this project.
@@ -54,7 +56,8 @@ frictions and elasticities were set by this project.
 **What is asked.** A photo shows two dimensions, and its scale makes metres of them. A table has no photo, so a bare
 silhouette stands for it: a ball's disc, the rectangle of what is turned on a lathe, the two longest sides of a box, at
 a known scale. The third dimension is not given, as a photo would not give it; waists, handles and holes are not
-given either, and a photo would show them. The material table knows ordinary objects besides. A row of your own may name a `photo` and a `mask` (a
+given either, and a photo would show them. The material table knows ordinary objects besides. A row of your own may
+name a `photo` and a `mask` (a
 label map): then they are shown. `--hide-size` gives the name alone. A model's answers are cached, so a
 second run asks nothing.
 

@@ -5,16 +5,12 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from time import process_time
-
-import numpy as np
 
 from physgen import registry
 from physgen.evaluate.ground_truth import Pair, pairs
 from physgen.evaluate.segmentation import evaluate
-from physgen.perceive.backends import segment_learned
 from physgen.perceive.roles import Rgb, Segments
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -44,27 +40,9 @@ def photos() -> dict[str, list[Pair]]:
     return sets
 
 
-def network_alone(rgb: Rgb) -> Segments:
-    """As the default, without what edges and circles propose."""
-    found = segment_learned.candidates(rgb, segment_learned.run_network(rgb))
-    some = np.flatnonzero(found.learned).tolist()
-    proposals = [found.proposals[k] for k in some]
-    alone = replace(
-        found,
-        proposals=proposals,
-        evidence=found.evidence[some],
-        learned=found.learned[some],
-        edges=found.edges[some],
-    )
-    return segment_learned.chosen(rgb, alone)
-
-
 def segmentation(folder: Path) -> list[dict]:
     """Rows a photo (`photo`) for both together, and a row a set (`photo` is "") for each way."""
-    ways: dict[str, Callable[[Rgb], Segments]] = {
-        "both": registry.make("segment", "learned"),
-        "network alone": network_alone,
-    }
+    ways: dict[str, Callable[[Rgb], Segments]] = {"both": registry.make("segment", "learned")}
     rows = []
     for name, some in photos().items():
         for way, find in ways.items():

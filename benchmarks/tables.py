@@ -37,7 +37,8 @@ one, the mean (geometric) with the ordinary mass; the ordinary mass alone where 
   each what lies alike on both sides of its axis, so that a handle is left out. Of a `slab`, `lump`, `disc` or
   `hoop` the two sides of the ordinary object that fit the outline best are seen, and the third is the depth.
 - Another material: a steel ball is solid, a steel mug has thinner walls than one of ceramic, a plastic fork is
-  a fork of plastic, a plastic apple is hollow. `empty bottle` holds nothing, `cup of tea` holds tea. Words for colours stay colours
+  a fork of plastic, a plastic apple is hollow. `empty bottle` holds nothing, `cup of tea` holds tea. Words for colours
+  stay colours
   (`silver phone`), unless the object is of metal.
 - Objects of known size give the photo's scale (`world.pixels_per_meter`), and gravity follows. Only labels that
   a person gave count, of objects that are whole and of ordinary proportions. A scene takes the scale from a

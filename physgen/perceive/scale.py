@@ -89,7 +89,9 @@ def object_extent(outline: Outline, what: Kind) -> Extent:
     rounding = {"lump": 2 / 3, "slab": 1.0}.get(what.form, 1.0 if shows_face else pi / 4)
     if what.form == "hoop" and isinstance(outline, Disc):
         rounding *= what.share  # its hole is not in the outline
-    if what.share < SHAPE.boxy and mismatch < LIMITS.max_mismatch:  # a rectangle around a fork covers air, too
+    if (
+        what.share < SHAPE.boxy and mismatch < LIMITS.max_mismatch
+    ):  # a rectangle around a fork covers air, too
         area = min(area, what.share * long * short)
     return Extent(area * hidden * per_mm * rounding, per_mm, mismatch)
 

@@ -11,7 +11,6 @@ from physgen.perceive.segment.proposals import (
     Proposal,
     contour_normals,
     cut_out,
-    unions,
     variants,
 )
 from physgen.perceive.segment.regions import discs, merge_tree
@@ -67,12 +66,6 @@ def test_cutting_out_keeps_the_largest_part_and_fills_it() -> None:
     assert part.box == (103, 202, 113, 212)
     assert part.area == 100
     assert cut_out(mask, 0, 0, smallest=101) is None
-
-
-def test_two_touching_halves_are_proposed_as_one() -> None:
-    halves = [rectangle(10, 10, 20, 40), rectangle(30, 10, 20, 40), rectangle(80, 80, 20, 20)]
-    joined = unions(halves, np.ones(3), largest=5000)
-    assert [one.box for one in joined] == [(10, 10, 50, 50)]
 
 
 def test_variants_undo_a_bay_and_stay_inside_the_photo() -> None:

@@ -62,12 +62,8 @@ def learned() -> Segment:
 
 
 def segment(rgb: NDArray[np.uint8]) -> Segments:
-    """The movable objects of a photo (H, W, 3) uint8 sRGB."""
-    return chosen(rgb, candidates(rgb, run_network(rgb)))
-
-
-def chosen(rgb: NDArray[np.uint8], found: Candidates) -> Segments:
-    """The objects among a photo's candidates, and doubtful ones."""
+    """The movable objects of a photo (H, W, 3) uint8 sRGB, and doubtful ones."""
+    found = candidates(rgb, run_network(rgb))
     fit = worth(found, expected_fit(found.evidence))
     best = choose(found, fit)
     fit[best] -= LEARNED.gap_penalty * gaps(rgb, found, fit, best)

@@ -19,7 +19,6 @@ from physgen.perceive.segment.proposals import Mask, Proposal, cut_out, distinct
 from physgen.perceive.segment.regions import (
     EDGE_CAP,
     MergeTree,
-    PixelPairs,
     affinity_tree,
     basins,
     merge_tree,
@@ -49,8 +48,6 @@ class CandidateConstants:
     """px of the grid around a proposal that count as its surroundings."""
     on: float = 0.3
     """Foreground from which a basin may be part of an object."""
-    levels: tuple[float, ...] = (0.35, 0.5, 0.65, 0.8)
-    """Foreground above which a connected region is a proposal, too."""
     border_share: float = 0.6
     """Share of the boundary map in the relief; the rest is the lack of affinity of neighbours."""
     edge_share: float = 0.7
@@ -250,7 +247,7 @@ def grouped(seen: NetworkMaps) -> Groups:
         if max(down, abs(right)) <= CANDIDATES.joining:
             here = slice(0, height - down), slice(max(-right, 0), width - max(right, 0))
             there = slice(down, height), slice(max(right, 0), width + min(right, 0))
-            pairs.append(PixelPairs(here, there, affinity[here]))
+            pairs.append((here, there, affinity[here]))
     tree = affinity_tree(labels, kept, pairs)
     sizes = np.concatenate([[0], np.cumsum(areas[np.argsort(tree.rank)])])
     grounds = np.zeros(len(tree.parent), bool)
@@ -261,24 +258,17 @@ def grouped(seen: NetworkMaps) -> Groups:
 def network_proposals(
     seen: NetworkMaps, smallest: int, largest: int
 ) -> tuple[list[Proposal], list[Proposal]]:
-    """Proposals on the grid of the network's output, of `smallest` to `largest` px of it; and the wholes among them."""
+    """Proposals on the network's grid, of `smallest` to `largest` px of it: parts and piles, and wholes."""
     groups = grouped(seen)
     some = ~groups.grounds & (groups.areas >= smallest) & (groups.areas <= 1.2 * largest)
     boxes = rank_boxes(groups.ranks, len(groups.sizes) - 1)
-    found: list[Proposal | None] = []
-    wholes = []
+    found: list[Proposal] = []
+    wholes: list[Proposal] = []
     for (first, last), whole in zip(groups.tree.span[some].tolist(), groups.wholes[some], strict=True):
         one = node_region(groups.ranks, boxes, first, last, smallest)
-        found.append(one)
-        if whole and one is not None and one.area <= largest:
-            wholes.append(one)
-    for level in CANDIDATES.levels:
-        mask = seen.foreground > level
-        _, pieces, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=4)
-        for k, (x, y, w, h, size) in enumerate(stats.tolist()):
-            if k and smallest <= size <= 1.2 * largest:
-                found.append(cut_out(pieces[y : y + h, x : x + w] == k, x, y, smallest))
-    return [one for one in found if one is not None and one.area <= largest], wholes
+        if one is not None and one.area <= largest:
+            (wholes if whole else found).append(one)
+    return found, wholes
 
 
 def guided_proposals(gradient: Gradient, seen: NetworkMaps, smallest: int, largest: int) -> list[Proposal]:
@@ -331,8 +321,6 @@ class Candidates:
     proposals: Sequence[Proposal]
     evidence: NDArray[np.float64]
     """(n, k), see `FEATURES`."""
-    learned: NDArray[np.bool_]
-    """(n,): which of them the network proposed."""
     edges: NDArray[np.float64]
     """(n,) 0..1: confidence of the selection by edges alone; 0 where it did not select the proposal."""
     likeness: NDArray[np.float64]
@@ -374,7 +362,6 @@ def candidates(rgb: NDArray[np.uint8], seen: NetworkMaps) -> Candidates:
         shape,
         [fine for _, fine, _ in both],
         proposal_features(roughs, seen),
-        np.asarray(kept >= of_photo),
         agreed[kept],
         np.array([groups.likeness(rough) for rough in roughs], np.float64),
         np.array([_mean(seen.movable, rough) for rough in roughs], np.float64),

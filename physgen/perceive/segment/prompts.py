@@ -224,7 +224,8 @@ def segment_point(
     """
     height, width = rgb.shape[:2]
     x, y = _pixel(rgb, point)
-    others = [_pixel(rgb, other) for other in points if tuple(other) != tuple(point)]
+    others = [(round(u), round(v)) for u, v in points if (u, v) != tuple(point)]
+    others = [(u, v) for u, v in others if 0 <= u < width and 0 <= v < height]
     i = int(likely_labels(segments)[y, x]) if segments is not None else 0
     if segments is not None and i and not any(segments.labels[v, u] == i for u, v in others):
         return PromptedMask(segments.labels == i, float(segments.confidence[i - 1]))
@@ -376,7 +377,8 @@ def _photo_proposals(
     shape, grid = (rgb.shape[0], rgb.shape[1]), seen.foreground
     least = max(SMALLEST_OBJECT, round(smallest * grid.size / (shape[0] * shape[1])))
     found = stable_regions(colour, gradient, smallest, largest) + discs(gradient, smallest, largest)
-    own = (rescaled(one, grid.shape, shape) for one in network_proposals(seen, least, grid.size)[0])
+    parts, wholes = network_proposals(seen, least, grid.size)
+    own = (rescaled(one, grid.shape, shape) for one in parts + wholes)
     found += [one for one in own if one is not None and smallest <= one.area <= largest]
     found = distinct([*found, *guided_proposals(gradient, seen, smallest, largest), *more])
     return PhotoProposals(rgb, colour, gradient, seen, found, judged_fit(found, seen, shape))

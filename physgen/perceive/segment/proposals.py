@@ -109,40 +109,6 @@ def distinct(proposals: Sequence[Proposal], same: float = 0.96) -> list[Proposal
     return kept
 
 
-def unions(proposals: Sequence[Proposal], scores: NDArray[np.float64], largest: int) -> list[Proposal]:
-    """Unions of good proposals that touch along a good part of the smaller: objects of two colours."""
-    best = [int(i) for i in np.argsort(-scores, kind="stable")[:160] if scores[i] > 0.45]
-    reach = 1  # px
-    grown = {i: _grow(proposals[i], reach) for i in best}
-    pairs = []
-    for rank, i in enumerate(best):
-        for j in best[:rank]:
-            small, large = sorted((proposals[i].area, proposals[j].area))
-            if small + large > largest or large > 12 * small:
-                continue
-            touching = overlap(grown[i], grown[j]) / (2 * reach + 1) / (3.54 * np.sqrt(small))
-            if touching > 0.2 and overlap(proposals[i], proposals[j]) <= 0.1 * small:
-                pairs.append((min(scores[i], scores[j]) + 0.3 * min(1, touching), i, j))
-    joined = (_join(grown[i], grown[j], reach) for _, i, j in sorted(pairs, reverse=True)[:350])
-    return [union for union in joined if union is not None and union.area <= largest]
-
-
-def _grow(proposal: Proposal, reach: int) -> Proposal:
-    mask = cv2.dilate(np.pad(proposal.mask, reach).astype(np.uint8), disc(reach)) > 0
-    return Proposal(proposal.x - reach, proposal.y - reach, mask, int(mask.sum()))
-
-
-def _join(a: Proposal, b: Proposal, reach: int) -> Proposal | None:
-    """The union of two grown proposals, shrunk again; the seam between them closes."""
-    x, y = min(a.x, b.x), min(a.y, b.y)
-    canvas = np.zeros((max(a.box[3], b.box[3]) - y, max(a.box[2], b.box[2]) - x), np.bool_)
-    for one in (a, b):
-        canvas[one.y - y : one.box[3] - y, one.x - x : one.box[2] - x] |= one.mask
-    image = np.pad(canvas, 1).astype(np.uint8)
-    shrunk = cv2.erode(image, disc(reach), iterations=1)[1:-1, 1:-1] > 0
-    return cut_out(shrunk, x, y, smallest=1)
-
-
 def variants(proposal: Proposal, shape: tuple[int, int]) -> list[Proposal]:
     """The proposal itself, then without bays, without spurs, its hull, polygons: undoes leaks along a weak edge.
     `shape`: H, W of the photo."""

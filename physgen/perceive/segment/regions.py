@@ -130,16 +130,7 @@ def _across_rim(gradient: Gradient, circles: Circles, factor: NDArray[np.float64
     return gradient.across(x, y, ANGLES)
 
 
-@dataclass(frozen=True, eq=False)
-class PixelPairs:
-    """Pairs of pixels of a map at one offset."""
-
-    here: tuple[slice, slice]
-    there: tuple[slice, slice]
-    affinity: NDArray[np.float32]
-    """Of the shape of either: probability that both belong to one object."""
-
-
+Slices = tuple[slice, slice]
 COLOUR_WEIGHT = 0.25
 """Weight of the difference of mean colour against the gradient along the boundary; chosen on photos."""
 STALE = 0.05
@@ -238,17 +229,20 @@ def merge_tree(
 
 
 def affinity_tree(
-    labels: NDArray[np.int32], kept: NDArray[np.bool_], pairs: Sequence[PixelPairs]
+    labels: NDArray[np.int32],
+    kept: NDArray[np.bool_],
+    pairs: Sequence[tuple[Slices, Slices, NDArray[np.float32]]],
 ) -> MergeTree:
-    """The tree of basins `labels` (H, W) by one minus the mean affinity of the pixel pairs across their boundary;
-    basins that are not `kept` (basins,) stay alone (greedy additive clustering, as in Keuper et al. 2015)."""
+    """The tree of basins `labels` (H, W) by one minus the mean affinity of the pixel pairs across their boundary
+    (greedy additive clustering, as in Keuper et al. 2015); basins that are not `kept` (basins,) stay alone.
+    Pairs are slices of the map and the affinities of their pixels."""
     count = int(labels.max()) + 1
     keys, values = [np.zeros(0, np.int64)], [np.zeros(0, np.float32)]
-    for pair in pairs:
-        ours, theirs = labels[pair.here].astype(np.int64), labels[pair.there].astype(np.int64)
+    for here, there, affinity in pairs:
+        ours, theirs = labels[here].astype(np.int64), labels[there].astype(np.int64)
         across = (ours != theirs) & kept[ours] & kept[theirs]
         keys.append(np.minimum(ours, theirs)[across] * count + np.maximum(ours, theirs)[across])
-        values.append(pair.affinity[across])
+        values.append(affinity[across])
     unique, inverse = np.unique(np.concatenate(keys), return_inverse=True)
     sums, lengths = np.bincount(inverse, np.concatenate(values)), np.bincount(inverse)
     beside: list[dict[int, tuple[float, int]]] = [{} for _ in range(count)]

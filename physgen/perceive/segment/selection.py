@@ -19,7 +19,6 @@ from physgen.perceive.segment.proposals import (
     outline,
     overlap,
     score_proposals,
-    unions,
     variants,
 )
 from physgen.perceive.segment.regions import discs, stable_regions
@@ -77,7 +76,7 @@ class EdgeSearch:
     proposals: Sequence[Proposal]
     """All of them, also larger and smaller ones than are selected from."""
     chosen: Sequence[Proposal]
-    """The best set of them and of their unions."""
+    """The best set of them."""
     scores: NDArray[np.float64]
     """(n,) of the chosen ones."""
 
@@ -101,10 +100,7 @@ def search_edges(rgb: NDArray[np.uint8]) -> EdgeSearch:
     circles = discs(gradient, smallest, largest)
     proposals = distinct([one for one in regions if smallest <= one.area <= largest] + circles)
     scores = score_proposals(proposals, colour, gradient)
-    joined = distinct(unions(proposals, scores.score, largest))
-    more = score_proposals(joined, colour, gradient)
-    together = Scores(np.append(scores.score, more.score), np.append(scores.compactness, more.compactness))
-    chosen, final = select(proposals + joined, together, colour)
+    chosen, final = select(proposals, scores, colour)
     forms = [variants(proposal, shape) for proposal in chosen]
     best = [form[int(score_proposals(form, colour, gradient).score.argmax())] for form in forms]
     return EdgeSearch(shape, gradient, distinct(regions + circles), best, final)

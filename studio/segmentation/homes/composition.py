@@ -66,7 +66,7 @@ def shot(seed: int, family: str, long_side: int) -> Shot:
     if family == "train":
         room = rooms.room(rng)
         kinds = some(rng, list(roster.makers(family)))
-        if rng.random() < SCANNED:
+        if rng.random() < SCANNED and "scan" in roster.makers(family):
             kinds += ["scan"] * len(kinds)
         count = int(rng.choice([0, 1, 2, 3, *range(4, 13), *range(4, 13), *range(13, 26)]))
     else:

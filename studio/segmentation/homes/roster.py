@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 
 from studio.segmentation.homes import goods, living, scans, tableware, toys
@@ -40,7 +41,6 @@ TRAIN_ONLY: dict[str, Maker] = {
     "robot": toys.robot,
     "rings": toys.rings,
     "duck": toys.duck,
-    "scan": scans.scan,
 }
 HOMES_ONLY: dict[str, Maker] = {
     "wineglass": tableware.wineglass,
@@ -63,5 +63,6 @@ HOMES_ONLY: dict[str, Maker] = {
 
 
 def makers(family: str) -> dict[str, Maker]:
-    """Name -> maker of every kind of `family` ("train" or "homes")."""
-    return BOTH | {"train": TRAIN_ONLY, "homes": HOMES_ONLY}[family]
+    """Name -> maker of every kind of `family` ("train" or "homes"); scans where PHYSGEN_MATERIAL names them."""
+    scanned = {"scan": scans.scan} if family == "train" and "PHYSGEN_MATERIAL" in os.environ else {}
+    return BOTH | {"train": TRAIN_ONLY, "homes": HOMES_ONLY}[family] | scanned
