@@ -21,6 +21,8 @@ from physgen.cli.edit import edit as _edit  # noqa: F401 the command imports wit
 from physgen.cli.main import main
 from physgen.edit import session
 
+ROOT = Path(__file__).resolve().parents[2]
+
 Serve = Callable[..., Served]
 
 
@@ -409,6 +411,8 @@ def test_the_same_scene_again_shows_the_editor_that_has_it(serving: Serve, capsy
 
 def test_a_photo_is_perceived_first_and_its_scene_opened_the_next_time(killable, disc: Path) -> None:
     photo = disc.with_name("photo.png")
+    marbles = cv2.imread(str(ROOT / "scenes/marbles/photo.png"))
+    cv2.imwrite(str(photo), cv2.resize(marbles, None, fx=0.4, fy=0.4, interpolation=cv2.INTER_AREA))
     first: Killable = killable(photo)
     scene = photo.with_name("photo.yaml")
     state = first.look()
