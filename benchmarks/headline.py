@@ -1,6 +1,7 @@
 """Photos that nobody here made, all the way: photo -> scene -> two clips -> a gallery; what came of each, as rows.
 
     PHYSGEN_PEER_SCENES=DIR python benchmarks/headline.py out/headline   # rows to results/, prints the gallery's path
+    PHYSGEN_MATERIAL=DIR python benchmarks/headline.py --suitability     # verdicts on whether photos suit, as a table
 
 Photos are scikit-image's, and those of a folder of scenes (`*/original.png`, with `mask.png`) where one is named. None
 is copied into the project. Each is perceived with nothing told; then a clip as the scene stands, in which whatever the
@@ -11,9 +12,11 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import sys
 import time
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from subprocess import run as command
@@ -138,6 +141,64 @@ def headline(folder: Path) -> list[dict]:
     return rows
 
 
+LIVING = frozenset(
+    ["person", "bird", "cat", "dog", "horse", "sheep", "cow", "elephant", "bear", "zebra", "giraffe"]
+)
+STREET = frozenset(
+    ("car", "truck", "bus", "train", "airplane", "boat", "motorcycle", "bicycle", "traffic light", "stop sign",
+     "fire hydrant", "parking meter", "bench", "kite", "skis", "snowboard", "surfboard", "skateboard")
+)  # fmt: skip
+"""Classes of COCO that are seen outdoors."""
+
+
+def sorted_photos(material: Path) -> Iterator[tuple[str, str, Path]]:
+    """Kind, half ("tune" or "validation": every fifth of COCO) and photo; kinds of COCO by their true masks."""
+    for name in ("peer-scenes", "photos"):
+        for photo in sorted(material.glob(f"{name}/*/original.png")):
+            yield "objects on supports", "validation", photo
+    labels = json.loads((material / "coco" / "labels.json").read_text())
+    for k, name in enumerate(sorted(labels, key=int)):
+        mask = cv2.imread(str(material / "coco" / f"{name}.png"), cv2.IMREAD_GRAYSCALE)
+        living = sum(float((mask == int(i)).mean()) for i, what in labels[name].items() if what in LIVING)
+        outdoors = not STREET.isdisjoint(labels[name].values())
+        kind = "people or animals, 10 % or more" if living >= 0.1 else "outdoors" if outdoors else "other"
+        yield kind, "validation" if k % 5 == 0 else "tune", material / "coco" / f"{name}.jpg"
+
+
+def suitability(material: Path) -> str:
+    """A table: of each kind of photo, how many are found good."""
+    from physgen.perceive.perceive import fit_objects
+    from physgen.perceive.roles import Detections
+    from physgen.perceive.segment.prompts import Segmenter
+    from physgen.perceive.support.viewpoint import judge_suitability
+    from physgen.photos import read_photo
+    from physgen.registry import Backends
+
+    crew, counts, why = Backends(), Counter[tuple[str, str, str]](), Counter[tuple[str, str]]()
+    for kind, half, photo in sorted_photos(material):
+        rgb = read_photo(photo).rgb
+        segments = Segmenter(crew)(rgb)
+        sure = {k + 1: float(c) for k, c in enumerate(segments.confidence)}
+        found = Detections(segments.labels, "learned", sure, segments.names, doubtful=segments.doubtful)
+        objects, _ = fit_objects(rgb, found)
+        names = crew.call("label", rgb, found.labels, objects)
+        verdict = judge_suitability(
+            rgb, found, objects, names, crew.call("boundary", rgb, found.labels, objects, None)
+        )
+        print(photo, verdict, file=sys.stderr, flush=True)
+        counts[kind, half, verdict.verdict] += 1
+        why.update((kind, re.sub(r"\d+ %", "N %", reason)) for reason in verdict.reasons)
+    lines = ["| photos | half | good | doubtful |", "|---|---|---|---|"]
+    for kind, half in sorted({(kind, half) for kind, half, _ in counts}):
+        lines.append(f"| {kind} | {half} | {counts[kind, half, 'good']} | {counts[kind, half, 'doubtful']} |")
+    return "\n".join(
+        [*lines, "", *(f"{count} x {kind}: {reason}" for (kind, reason), count in why.most_common())]
+    )
+
+
 if __name__ == "__main__":
+    if sys.argv[1] == "--suitability":
+        print(suitability(Path(os.environ["PHYSGEN_MATERIAL"])))
+        sys.exit()
     kept = {"machine": str(this_machine()), "rows": headline(Path(sys.argv[1]))}
     (Path(__file__).parent / "results" / "headline.json").write_text(json.dumps(kept, indent=1) + "\n")

@@ -55,7 +55,7 @@ def perceive(options: argparse.Namespace) -> int:
             "labels": options.label,
             "asked": options.find,
         }
-        text = pipeline.perceive(options.image[0], options.output, **settings)
+        text = pipeline.perceive(options.image[0], options.output, inform=print_error, **settings)
     bar.clear()
     write_result(text, options.output)
     return OK
@@ -91,7 +91,7 @@ def _perceive_many(options: argparse.Namespace) -> int:
         try:
             pipeline.perceive(
                 image, output, crew=crew, asked=options.find, side=options.side,
-                progress=step, warn=print_problem, keep=print_backup,
+                progress=step, warn=print_problem, keep=print_backup, inform=print_error,
             )  # fmt: skip
             write_result("", output)
         except InputError as error:

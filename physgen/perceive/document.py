@@ -436,7 +436,9 @@ def write_scene(
     schema = assets / SCHEMA
     write_with_backup(schema, resource("schemas", SCHEMA).read_bytes(), keep)
     values = perceived_values(perceived.document)
-    record = {"physgen": __version__, "steps": list(perceived.record), "values": values}
+    record: dict[str, Any] = {"physgen": __version__, "steps": list(perceived.record), "values": values}
+    if (suits := perceived.suitability) is not None:
+        record["suitability"] = {"verdict": suits.verdict, "reasons": list(suits.reasons)}
     write_atomic(assets / RECORD, json.dumps(record, ensure_ascii=False).encode() + b"\n")
     text = scene_text(head | body, perceived.comments, perceived.header, _relative(schema, folder))
     if output is not None:
@@ -454,8 +456,21 @@ def perceived_values(document: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
 
 def written_values(assets: Path | None) -> dict[str, dict[str, Any]]:
     """`perceived_values` of the run that wrote these assets; empty where they have no record of it."""
+    return _recorded(assets, "values")
+
+
+def written_suitability(assets: Path | None) -> str:
+    """Whether the photo suits, by the run that wrote these assets; `""` where they have no record of it."""
+    found = _recorded(assets, "suitability")
+    return ": ".join(
+        filter(None, (str(found.get("verdict", "")), "; ".join(map(str, found.get("reasons", ())))))
+    )
+
+
+def _recorded(assets: Path | None, key: str) -> dict[str, Any]:
+    """One entry of the record; empty where there is none."""
     try:
-        return dict(json.loads((assets or Path()).joinpath(RECORD).read_bytes())["values"])
+        return dict(json.loads((assets or Path()).joinpath(RECORD).read_bytes())[key])
     except (OSError, ValueError, KeyError, TypeError):
         return {}
 

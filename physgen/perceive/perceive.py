@@ -36,10 +36,12 @@ from physgen.perceive.roles import (
     Rgb,
     Scenery,
     Shadows,
+    Suitability,
 )
 from physgen.perceive.scale import MIN_SCALE_CONFIDENCE, Scale, judged_scale, photo_scale, scale_entry
 from physgen.perceive.segment.prompts import Segmenter
 from physgen.perceive.shadow.shadow_removal import refill_background
+from physgen.perceive.support.viewpoint import judge_suitability
 from physgen.photometry import decode, encode_u8
 from physgen.problems import InputError
 from physgen.registry import Backends
@@ -142,7 +144,8 @@ def perceive(
     comments["forces"] = document.push_comment(found, boundaries, objects, called, matter, per_meter)
     unknown = (document.unknown_label(t.label) for t in objects if t.id in names.renamed)
     warnings = tuple(dict.fromkeys(problem for problem in unknown if problem))
-    return run.signed(PerceivedScene(percepts, scene, comments, HEADER, warnings))
+    suits = judge_suitability(rgb, found, objects, names.labels, boundaries)
+    return run.signed(PerceivedScene(percepts, scene, comments, HEADER, warnings, suitability=suits))
 
 
 @dataclass(frozen=True)
@@ -284,7 +287,8 @@ def _empty_scene(rgb: Rgb, found: Detections, pixels_per_meter: float | None) ->
         background=rgb,
         clean=None,
     )
-    return PerceivedScene(percepts, scene, comments, HEADER)
+    suits = Suitability(("no sure objects",))
+    return PerceivedScene(percepts, scene, comments, HEADER, suitability=suits)
 
 
 def _rounded(labels: Labels, objects: Sequence[PhotoObject]) -> Labels:

@@ -280,6 +280,22 @@ class Detections:
 
 
 @dataclass(frozen=True)
+class Suitability:
+    """Whether a photo is one of which perception makes a scene that moves as it would."""
+
+    reasons: tuple[str, ...] = ()
+    """Doubts; none: it is good."""
+
+    @property
+    def verdict(self) -> str:
+        """`good` or `doubtful`."""
+        return "doubtful" if self.reasons else "good"
+
+    def __str__(self) -> str:
+        return self.verdict + (f": {'; '.join(self.reasons)}" if self.reasons else "")
+
+
+@dataclass(frozen=True)
 class PerceivedScene:
     """The result of perception."""
 
@@ -293,3 +309,5 @@ class PerceivedScene:
     warnings: tuple[Problem, ...] = ()
     record: Sequence[Mapping[str, Any]] = ()
     """How each role ran, where model backends took part."""
+    suitability: Suitability | None = None
+    """None where the scene was not perceived."""

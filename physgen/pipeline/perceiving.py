@@ -54,12 +54,14 @@ def perceive(
     progress: Progress = silent,
     warn: Warn = ignore_warning,
     keep: Keep = lambda kept: None,
+    inform: Callable[[str], None] = lambda line: None,
     **changes: Any,
 ) -> str:
     """Photo -> the scene's text; assets, and the scene where `output` is given, are written. Raises InputError.
 
     Objects come from `masks`, `coco`, `boxes` and `points`, or else from the segment backend. `crew` fills the roles,
-    the offline backends unless given. `changes` are fields of PerceiveOptions.
+    the offline backends unless given. `changes` are fields of PerceiveOptions. `inform` is called with a line on the
+    photo's suitability.
     """
     from physgen.maps import read_labels
     from physgen.perceive.document import write_scene
@@ -111,6 +113,7 @@ def perceive(
     perceived = run(rgb, found, renames=options.labels, crew=crew, asked=options.asked, progress=progress)
     for problem in perceived.warnings:
         warn(problem)
+    inform(f"{image}: suitability: {perceived.suitability}")
     text = write_scene(perceived, image if as_it_is else None, image.stem, output, options.assets, keep)
     _draw_sheet(options.sheet, text, output, keep)
     return text

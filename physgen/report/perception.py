@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from physgen.compile.compile import Compiled
 from physgen.compile.world import body_in_photo
 from physgen.maps import Percepts
+from physgen.perceive.document import written_suitability
 from physgen.photometry import DistantLight, encode_u8, sphere_normals
 from physgen.render.drawing import Colour, Layer, circle, straight_arrow, text_width
 from physgen.report.html import fitted, webp
@@ -106,6 +107,8 @@ def perception(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Perce
     ]
     walls = [chain for wall in world.walls for chain in wall.chains]
     seen = "from above" if world.view is View.TOP else "from the side"
+    if suits := written_suitability(scene.assets):
+        seen += f". Suitability: {suits}"
     pictures = [
         *_photo_pictures(maps, compiled.labels, objects, walls, seen),
         *_map_pictures(maps, scene.light),

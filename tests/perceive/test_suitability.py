@@ -1,0 +1,107 @@
+"""Whether a photo suits: doubts that follow from what is drawn."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from physgen.geometry.polygon import Disc
+from physgen.perceive.document import write_scene, written_suitability
+from physgen.perceive.perceive import perceive
+from physgen.perceive.roles import BoundaryGuess, Detections, Doubt, Name, PhotoObject, Wall
+from physgen.perceive.segment.prompts import from_masks
+from physgen.perceive.support.viewpoint import judge_suitability
+from physgen.scene.scene import View
+
+H, W = 192, 256
+GOOD = BoundaryGuess(View.SIDE, 0.9, "", (Wall("floor", ((0, 150), (W, 150)), 0.6, 0.4, 0.8, "", ""),))
+
+
+class Found:
+    """Three balls on a plain background, and what perception says of them."""
+
+    def __init__(self, radius: int = 20, sure: float = 0.9) -> None:
+        rows, columns = np.mgrid[:H, :W]
+        self.rgb = np.full((H, W, 3), (150, 130, 110), np.uint8)
+        labels = np.zeros((H, W), np.uint16)
+        self.objects = []
+        for k, x in enumerate((50, 120, 200), 1):
+            labels[np.hypot(columns - x, rows - 120) <= radius] = k
+            self.objects.append(PhotoObject(k, Disc(np.array([x, 120.0]), float(radius)), "ball"))
+        self.found = Detections(labels, "learned", dict.fromkeys((1, 2, 3), sure), {})
+        self.names = {k: Name("ball", 0.5) for k in (1, 2, 3)}
+
+    def doubts(self, boundaries: BoundaryGuess = GOOD) -> str:
+        return str(judge_suitability(self.rgb, self.found, self.objects, self.names, boundaries))
+
+
+def test_things_on_a_table_are_good():
+    assert Found().doubts() == "good"
+
+
+@pytest.mark.parametrize("turn", [np.fliplr, np.flipud])
+def test_texture_all_over(turn):
+    """Noise as fine as gravel or a crowd; the same however the photo is turned."""
+    one = Found()
+    one.rgb = turn(np.random.default_rng(2).integers(0, 255, one.rgb.shape).astype(np.uint8))
+    assert "fine detail" in one.doubts() or "outdoors" in one.doubts()
+
+
+def test_sky_and_leaves():
+    one = Found()
+    one.rgb[:90] = (110, 160, 230)
+    assert "sky" in one.doubts()
+    one = Found()
+    leaves = np.random.default_rng(3).integers(30, 160, (H // 3, W, 1))
+    one.rgb[-(H // 3) :] = leaves * (0.5, 1.0, 0.3)
+    assert "leaves" in one.doubts()
+
+
+def test_unsure_objects_and_doubtful_regions():
+    assert "few sure objects" in Found(sure=0.4).doubts()
+    one = Found()
+    region = Doubt([(0, 0), (W - 1, 0), (W - 1, 60), (0, 60)], 0.2)
+    one.found = replace(one.found, doubtful=[region])
+    assert "may be objects" in one.doubts()
+
+
+@pytest.mark.parametrize(
+    ("label", "alive"),
+    [("dog", True), ("old man", True), ("teddy bear", False), ("hot dog stand", False), ("cup", False)],
+)
+def test_people_and_animals(label: str, alive: bool):
+    one = Found(radius=35)
+    one.names = dict.fromkeys((1, 2, 3), Name(label, 0.8))
+    assert ("people or animals" in one.doubts()) == alive
+    small = Found(radius=8)
+    small.names = one.names
+    assert small.doubts() == "good"
+
+
+def test_nothing_beneath_and_an_unclear_view():
+    one = Found()
+    assert "no support" in one.doubts(replace(GOOD, held=frozenset((1, 2, 3))))
+    assert "perspective" in one.doubts(replace(GOOD, confidence=0.52))
+
+
+def test_masks_that_are_given_are_sure():
+    one = Found(sure=0.1)
+    one.found = replace(one.found, source="given")
+    assert one.doubts() == "good"
+
+
+def test_it_is_recorded(tmp_path):
+    one = Found()
+    one.rgb[one.found.labels > 0] = (200, 50, 50)
+    made = perceive(one.rgb, from_masks(one.found.labels, dict.fromkeys((1, 2, 3), "cat")))
+    write_scene(made, None, "photo", tmp_path / "scene.yaml")
+    record = json.loads((tmp_path / "scene.assets" / "perceived.json").read_text())
+    assert record["suitability"] == {
+        "verdict": made.suitability.verdict,
+        "reasons": list(made.suitability.reasons),
+    }
+    assert written_suitability(tmp_path / "scene.assets") == str(made.suitability)
+    assert written_suitability(tmp_path) == ""
