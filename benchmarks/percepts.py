@@ -128,7 +128,7 @@ def supports(photo: Photo, perceived: PerceivedScene) -> dict:
     walls = [
         np.array(said.get("segment") or said["polyline"])
         for name, said in perceived.document["boundaries"].items()
-        if name != "frame"
+        if name != "bottom"
     ]
     standing = supported = 0
     for i in np.unique(photo.labels[photo.labels > 0]).tolist():

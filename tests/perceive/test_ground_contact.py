@@ -1,14 +1,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from physgen.geometry.polygon import Disc, Region, Ring
+from physgen.maps import read_labels
 from physgen.perceive.backends.boundary_support import support
+from physgen.perceive.perceive import fit_objects
 from physgen.perceive.roles import PhotoObject
+from physgen.perceive.segment.prompts import from_masks
 from physgen.perceive.support.ground_contact import find_foot, is_carried, lower_hull
+from physgen.photos import read_image
+from physgen.scene.load import load
 from physgen.scene.scene import View
 
 W, H = 400, 300
@@ -62,8 +68,8 @@ def test_a_row_stands_on_one_floor_from_side_to_side():
     for k, y in enumerate((220.0, 221.3, 219.6, 220.7, 220.0)):
         desk.block(30 + 70 * k, y, 20, 60)
     walls = desk.walls()
-    assert set(walls) == {"frame", "floor"}
-    assert walls["floor"][[0, -1], 0].tolist() == [-0.5, W - 0.5]
+    assert set(walls) == {"bottom", "floor"}
+    assert walls["floor"][[0, -1], 0].tolist() == [-W, 2 * W]
     for thing in desk.things:
         assert -GAP <= penetration(walls["floor"], thing) <= 1e-6
 
@@ -81,14 +87,74 @@ def board(first: int, last: int) -> Desk:
 def test_a_board_ends_where_its_edge_does(first: int, last: int):
     """A ball pushed off it must fall, not stand on air."""
     floor = board(first, last).walls()["floor"]
-    for found, end, border in ((floor[0, 0], first, 0), (floor[-1, 0], last, W)):
-        assert found == pytest.approx(end - 0.5, abs=0.5 if end == border else 2)
+    assert floor[0, 0] == pytest.approx(first - 0.5, abs=2) if first else floor[0, 0] == -W
+    assert floor[-1, 0] == pytest.approx(last - 0.5, abs=2) if last < W else floor[-1, 0] == 2 * W
+
+
+def test_a_dark_board_before_a_dark_back_ends_where_its_edge_does():
+    """Nothing tells it from what is behind it but at its ends."""
+    desk = board(110, 330)
+    desk.rgb[:] = 200
+    desk.rgb[100:195, 110:330] = 30
+    floor = desk.walls()["floor"]
+    assert floor[[0, -1], 0] == pytest.approx([109.5, 329.5], abs=2)
+
+
+def test_a_shadow_is_no_floor_s_end():
+    desk = Desk(horizon=H)
+    desk.rgb[:] = 180
+    desk.rgb[225:245, 130:230] = 110
+    desk.block(150, 224, 40, 60)
+    assert desk.walls()["floor"][[0, -1], 0].tolist() == [-W, 2 * W]
+
+
+def test_what_is_in_the_air_gets_a_short_ledge():
+    """A wide one would stop what falls past it; over a slope, too, it is no floor."""
+    desk = Desk(horizon=H)
+    desk.ball(300, 80, 20)
+    for x in (40, 110):
+        desk.block(x, 180 - 0.3 * x, 50, 30, tilt=15)
+    walls = desk.walls()
+    assert "floor" not in walls
+    assert np.ptp(walls["ledge-1"][:, 0]) < 60
+
+
+@pytest.mark.parametrize("sides", [4, 2, 1])
+def test_rails_of_a_table_seen_from_above(sides: int):
+    """Cloth, a band of shade beside two rails, rails of the cloth's colour, wood."""
+    table = Desk(horizon=0)
+    table.rgb[:] = (30, 110, 60)
+    ends = {"left": (30, 0), "top": (0, 40), "right": (W - 30, 0), "bottom": (0, H - 40)}
+    for k, (x, y) in enumerate(list(ends.values())[:sides]):
+        rail = np.s_[:, :x] if k == 0 else np.s_[:y] if k == 1 else np.s_[:, x:] if k == 2 else np.s_[y:]
+        table.rgb[rail] = (45, 140, 80)
+    noise = np.random.default_rng(1).normal(0, 4, table.rgb.shape)
+    table.rgb = np.clip(table.rgb + noise, 0, 255).astype(np.uint8)
+    for x, y in ((80, 110), (120, 230), (200, 130), (290, 220)):
+        table.ball(x, y, 15)
+    walls = table.walls(View.TOP)
+    assert len(walls) == (0 if sides < 2 else sides)
+    if sides == 4:
+        points = np.concatenate(list(walls.values()))
+        assert points.min(0) == pytest.approx([29.5, 39.5], abs=1.5)
+        assert points.max(0) == pytest.approx([W - 30.5, H - 40.5], abs=1.5)
+
+
+def test_rails_of_the_bundled_billiards(bundled: Path):
+    scene = load(bundled / "billiards" / "scene.yaml")
+    rgb = read_image(bundled / "billiards" / "photo.png")
+    found = from_masks(read_labels(bundled / "billiards" / "photo.assets" / "masks.png"))
+    walls = support()(rgb, found.labels, fit_objects(rgb, found)[0], View.TOP).walls
+    points = np.concatenate([wall.points for wall in walls])
+    true = np.array(scene.boundaries[0].points)
+    assert points.min(0) == pytest.approx(true.min(0), abs=3)
+    assert points.max(0) == pytest.approx(true.max(0), abs=3)
 
 
 def test_a_floor_of_the_wall_s_colour_goes_on():
     """No edge is seen anywhere: nothing tells an end."""
     desk = board(150, 150)
-    assert desk.walls()["floor"][[0, -1], 0].tolist() == [-0.5, W - 0.5]
+    assert desk.walls()["floor"][[0, -1], 0].tolist() == [-W, 2 * W]
 
 
 def test_a_sloped_floor_is_found_and_touched():
@@ -97,7 +163,7 @@ def test_a_sloped_floor_is_found_and_touched():
         desk.block(20 + 75 * k, 240 - 3 * k, 30, 40, tilt=1.2)
     desk.ball(375, 222, 12)
     walls = desk.walls()
-    assert set(walls) == {"frame", "floor"}
+    assert set(walls) == {"bottom", "floor"}
     slope = np.polyfit(walls["floor"][:, 0], walls["floor"][:, 1], 1)[0]
     assert slope == pytest.approx(-0.044, abs=0.012)
     for thing in desk.things:
@@ -126,7 +192,7 @@ def test_another_height_gets_a_ledge_of_its_own():
         desk.block(20 + 60 * k, 260, 25, 50)
     shelf = desk.ball(320, 140, 20)
     walls = desk.walls()
-    assert set(walls) == {"frame", "floor", "ledge-1"}
+    assert set(walls) == {"bottom", "floor", "ledge-1"}
     ledge = walls["ledge-1"]
     assert ledge[0, 0] < 310
     assert ledge[-1, 0] > 330
@@ -141,7 +207,7 @@ def test_a_floor_runs_into_nothing_else():
     beside = desk.block(255, 205, 40, 60)
     walls = desk.walls()
     for name, wall in walls.items():
-        if name == "frame":
+        if name == "bottom":
             continue
         for thing in (high, beside):
             box = thing.outline.rings[0].outer
@@ -175,7 +241,7 @@ def test_views():
         table.ball(x, y, 18)
     setting = support()(table.rgb, table.labels, table.things, None)
     assert setting.view is View.TOP
-    assert [wall.name for wall in setting.walls] == ["frame"]
+    assert setting.walls == ()
 
 
 def test_a_row_on_a_floor_seen_askew_stands_on_one_straight_line():

@@ -71,7 +71,7 @@ def test_a_photo_becomes_a_valid_scene(tmp_path: Path):
     assert ball.motion is Motion.DYNAMIC
     assert ball.provenance["mask"] == "given 1"
     assert ball.provenance["mass"].startswith("table 0.")
-    assert [b.name for b in scene.boundaries] == ["floor", "frame"]
+    assert [b.name for b in scene.boundaries] == ["bottom", "floor"]
     text = (tmp_path / "scene.yaml").read_text()
     assert "cut off by the photo's border" in text
     assert "impulse: [" in text
@@ -110,7 +110,7 @@ def test_told_things_win():
     found = perceive(rgb, from_masks(labels, {7: "tennis ball"}), view=View.TOP, pixels_per_meter=600)
     assert found.document["world"]["view"] == "top"
     assert found.document["world"]["table"] == {"friction": 0}
-    assert list(found.document["boundaries"]) == ["frame"]
+    assert found.document["boundaries"] == {}
     assert found.document["world"]["pixels_per_meter"] == 600
     assert found.document["objects"]["tennis-ball-1"]["mass"] == 57.7
 

@@ -1,4 +1,4 @@
-"""Backend boundary=support: view, frame and floors from what the objects rest on.
+"""Backend boundary=support: view, floors and rails from what the objects rest on.
 
 From the side, objects stand on each other or on common lines, and the surface above them mostly differs from the one
 below. From above, the same surface is on all sides of objects, and no line explains where they lie.
@@ -6,14 +6,14 @@ below. From above, the same surface is on all sides of objects, and no line expl
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.geometry.polygon import Outline, bounds
+from physgen.geometry.polygon import Array, Outline, bounds, cross
 from physgen.perceive.roles import F32, Boundary, BoundaryGuess, Labels, PhotoObject, Rgb, Wall
 from physgen.perceive.segment.network import run_network
 from physgen.perceive.support.equilibrium import contacts
@@ -28,7 +28,6 @@ from physgen.perceive.support.ground_contact import (
     group_feet,
     is_carried,
     level_feet,
-    levelled_line,
     split_group,
     stands_flat,
 )
@@ -38,14 +37,34 @@ from physgen.scene.scene import View
 
 Groups = Sequence[tuple[Line, list[Foot]]]
 Span = tuple[float, float]
+Reach = Callable[[Line, Sequence[Foot]], Span | None]
+"""From where to where the floor under a group reaches; None: unknown."""
 
 FRICTION, ELASTICITY = 0.6, 0.4
-CUSHION = 0.75  # elasticity of the frame seen from above: a pool cushion's 0.6 to 0.9 (Mathavan et al. 2010)
+CUSHION = 0.75  # elasticity of a rail seen from above: a pool cushion's 0.6 to 0.9 (Mathavan et al. 2010)
 GRIP = 1.25  # coefficient of friction over the slope that objects lie still on: at 1 they are about to slip
 ALIKE = 10.0  # CIE 1976 Lab distance up to which two strips are the same surface
-BEYOND = 0.04  # of the photo's width, that is compared on either side of a floor's end
 FADED = 0.35  # of the contrast across its edge within, at most, beyond a floor's end
+SURE_END = 6  # columns beyond an end that must be seen
+MOSTLY = 0.8  # of the columns beyond an end that are no longer the surface
+SHADE = 5.0  # ratio of luminances beyond and within, up to which the darker one may be a shadow
+IN_AIR = 0.2  # of half the object's width, by which a ledge under an object in the air is longer
 ROUNDING = 1e-3  # slope of a foot below which it is level
+
+
+@dataclass(frozen=True)
+class _RailLimits:
+    """Rails seen from above."""
+
+    contrast: float = 3.0  # CIE 1976 Lab, that most of its length has
+    apart: int = 3  # px from an edge, on both sides, where colours are compared
+    askew: float = 0.04  # slope up to which a rail is along the photo's side
+    slopes: int = 17  # tried
+    alike: float = 0.9  # of the sharpest edge, from which the most level one is taken
+    shade: float = 0.015  # of the photo's longer side: width of the shadow that a rail casts on its table
+
+
+RAIL = _RailLimits()
 
 
 def support() -> Boundary:
@@ -60,10 +79,10 @@ def _support(rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject], view: Vie
         found, sure, reason = guess_view(rgb, labels, run_network(rgb).normals, alone, upright)
     else:
         found, sure, reason = view, 1.0, "as given"
-    if found is View.TOP:
-        return BoundaryGuess(found, sure, reason, (photo_frame(labels, found),))
+    if found is View.TOP or not len(objects):
+        return BoundaryGuess(found, sure, reason, tuple(find_cushions(Photo(rgb, labels), objects)))
     stood = lay_floors(rgb, labels, objects, groups)
-    walls = [photo_frame(labels, found), *stood.walls]
+    walls = [photo_bottom(labels), *stood.walls]
     more, held = add_supports(stood.objects, walls, stood.grip, FRICTION, ELASTICITY)
     return BoundaryGuess(found, sure, reason, (*walls, *more), stood.outlines, held, stood.grip)
 
@@ -98,8 +117,10 @@ class SupportedObjects:
     """Least friction, by id."""
 
 
-def lay_floors(rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject], groups: Groups) -> SupportedObjects:
-    """Objects with level feet, and floors that touch them."""
+def lay_floors(
+    rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject], groups: Groups, solid: Reach | None = None
+) -> SupportedObjects:
+    """Objects with level feet, and floors that touch them; `solid` tells their ends from depth where it can."""
     outlines: dict[int, Outline] = {}
     groups = [part for line, group in groups for part in split_group(line, group)]
     for line, group in groups:
@@ -110,27 +131,28 @@ def lay_floors(rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject], groups:
     outlines |= {i: box for i, box in fit_rectangles(objects).items() if i not in askew}
     objects = [replace(t, outline=outlines.get(t.id, t.outline)) for t in objects]
     now = {t.id: t for t in objects}
-    stand = [(line, [find_foot(now[f.item.id]) for f in group]) for line, group in groups]
-    groups = [(levelled_line(line, group), group) for line, group in stand]
-    walls = _floors(_Photo(rgb, labels), objects, groups, 2 * line_tolerance(labels))
+    groups = [(line, [find_foot(now[f.item.id]) for f in group]) for line, group in groups]
+    walls = _floors(Photo(rgb, labels), objects, groups, solid, 2 * line_tolerance(labels))
     return SupportedObjects(objects, outlines, walls, _grip(objects, groups))
 
 
-def _floors(photo: _Photo, objects: Sequence[PhotoObject], groups: Groups, close: float) -> list[Wall]:
+def _floors(
+    photo: Photo, objects: Sequence[PhotoObject], groups: Groups, solid: Reach | None, close: float
+) -> list[Wall]:
     """Under every group of feet a wall, in pieces where it would enter an object.
 
     The floor is under the lowest group, or a larger one that is lower than `close` px above it.
     """
-    groups = sorted(groups, key=lambda g: -_lowest(g[1]))
-    level = [g for g in groups if abs(g[0].slope) <= STEEP]
-    low = [g for g in level if _lowest(g[1]) >= _lowest(level[0][1]) - close]
+    lowest = {id(g): max(float(f.lowest[1]) for f in g[1]) for g in groups}
+    groups = sorted(groups, key=lambda g: -lowest[id(g)])
+    low = [g for g in groups if abs(g[0].slope) <= STEEP and lowest[id(g)] >= max(lowest.values()) - close]
     ground = max(low, key=lambda g: len(g[1]))[1] if low else []
     walls: list[Wall] = []
     for line, group in groups:
         sloped, is_ground = abs(line.slope) > STEEP, group is ground
-        wish = photo.seen_span(line, group)
-        if is_ground and len(group) > 1:  # it goes on unless its end is seen
-            wish = photo.floor_ends(line, wish)
+        deep = solid(line, group) if solid else None
+        source = "lowest points" if deep is None else "depth and lowest points"
+        wish = deep or photo.reach(line, group, is_ground)
         others = [t for t in objects if all(t is not f.item for f in group)]
         ends = free_ends(line, group, [t for t in others if not t.cut], wish)
         for part in free_parts(floor_points(line, group, ends), [t.outline for t in others]):
@@ -142,14 +164,8 @@ def _floors(photo: _Photo, objects: Sequence[PhotoObject], groups: Groups, close
             name = kind if kind == "floor" and count == 1 else f"{kind}-{count}"
             friction = max(FRICTION, round(GRIP * abs(line.slope), 2))
             sure = {1: 0.4, 2: 0.6}.get(len(on), 0.8)
-            reason = _reason(on, sloped)
-            walls.append(Wall(name, tuple(part), friction, ELASTICITY, sure, "lowest points", reason))
+            walls.append(Wall(name, tuple(part), friction, ELASTICITY, sure, source, _reason(on, sloped)))
     return walls
-
-
-def _lowest(group: Sequence[Foot]) -> float:
-    """y of its lowest foot."""
-    return max(float(f.lowest[1]) for f in group)
 
 
 def _reason(group: Sequence[Foot], sloped: bool) -> str:
@@ -169,25 +185,22 @@ def _grip(objects: Sequence[PhotoObject], groups: Groups) -> dict[int, float]:
         if steepest <= STEEP:
             continue
         reached = {k for k, t in enumerate(objects) if any(t is f.item for f in group)}
-        while more := {j for i, j in pairs if i in reached} | {i for i, j in pairs if j in reached}:
-            if more <= reached:
-                break
-            reached |= more
+        for _ in objects:
+            reached |= {k for pair in pairs if reached & set(pair) for k in pair}
         for k in reached:
             grip[objects[k].id] = max(grip.get(objects[k].id, 0.0), round(GRIP * steepest, 2))
     return grip
 
 
-def photo_frame(labels: Labels, view: View) -> Wall:
-    """The photo's border, a cushion where it is seen from above."""
-    friction, elasticity = (0.2, CUSHION) if view is View.TOP else (FRICTION, ELASTICITY)
-    right, bottom = labels.shape[1] - 0.5, labels.shape[0] - 0.5
-    points = ((-0.5, -0.5), (right, -0.5), (right, bottom), (-0.5, bottom), (-0.5, -0.5))
-    reason = "the photo's border, so that nothing leaves"
-    return Wall("frame", points, friction, elasticity, 1.0, "photo", reason)
+def photo_bottom(labels: Labels) -> Wall:
+    """The photo's bottom, and as far again to both sides; sides and top are open."""
+    height, width = labels.shape
+    points = ((-float(width), height - 0.5), (2.0 * width, height - 0.5))
+    reason = "the photo's bottom, so that what falls stays in sight; sides and top are open"
+    return Wall("bottom", points, FRICTION, ELASTICITY, 1.0, "photo", reason)
 
 
-class _Photo:
+class Photo:
     """Colours of the background along lines."""
 
     def __init__(self, rgb: Rgb, labels: Labels) -> None:
@@ -213,48 +226,112 @@ class _Photo:
         strip[hidden] = np.nan
         return strip
 
-    def seen_span(self, line: Line, group: Sequence[Foot]) -> Span:
-        """From where to where the surface under a group is seen to reach; a guess where none is seen."""
-        width = self.width
-        boxes = [bounds(f.item.outline) for f in group]
-        margin = 0.5 * max(x1 - x0 for x0, _, x1, _ in boxes)
-        start, end = min(b[0] for b in boxes) - margin, max(b[2] for b in boxes) + margin
-        span = max(-0.5, start), min(width - 0.5, end)
-        below, above = self.strips(line)
-        there = slice(max(0, int(span[0])), min(width - 1, int(span[1]) + 1) + 1)
-        if any(np.isfinite(strip[there, 0]).sum() < 3 for strip in (below, above)):
-            return span
-        under, over = (np.nanmedian(strip[there], axis=0) for strip in (below, above))
-        if np.linalg.norm(under - over) < ALIKE:
-            return span
-        other = np.linalg.norm(below - under, axis=1) > 1.5 * ALIKE  # False where objects hide it
-        ends = []
-        inner = min(float(f.left[0]) for f in group), max(float(f.right[0]) for f in group)
-        for x_inner, step in zip(inner, (-1, 1), strict=True):
-            first = int(np.clip(x_inner, 0, width - 1))
-            missed, last, x = 0, first, first
-            while 0 <= x < width and missed < 6:
-                missed = missed + 1 if other[x] else 0
-                last = x if not missed else last
-                x += step
-            ends.append(last)
-        return min(inner[0], ends[0] - 0.5), max(inner[1], ends[1] + 0.5)
+    def reach(self, line: Line, group: Sequence[Foot], is_ground: bool) -> Span:
+        """From where to where the surface under a group reaches.
 
-    def floor_ends(self, line: Line, seen: Span) -> Span:
-        """The ends `seen` of a floor where the surface above it continues below beyond them; else the photo's."""
-        width = self.width
+        It ends where the colour below its edge does. The ground ends only where one surface is above and below from
+        there to the photo's side. What goes on at the photo's side goes on beyond it by the photo's width.
+        """
+        boxes = np.array([bounds(f.item.outline) for f in group])
+        margin = 0.5 * float((boxes[:, 2] - boxes[:, 0]).max())
+        first, last = float(boxes[:, 0].min()), float(boxes[:, 2].max())
         below, above = self.strips(line)
-        step = np.linalg.norm(below - above, axis=1)
-        length = max(12, round(BEYOND * width))
-        ends = [-0.5, width - 0.5]
-        for k, way in enumerate((-1, 1)):
-            end = round(seen[k])
-            within, beyond = (
-                step[[x for x in range(start, start + way * side * length, way * side) if 0 <= x < width]]
-                for start, side in ((end - 3 * way, -1), (end + 3 * way, 1))
-            )
-            if min(np.isfinite(within).sum(), np.isfinite(beyond).sum()) < length // 2:
-                continue
-            if np.nanmedian(within) >= ALIKE and np.nanmedian(beyond) < FADED * np.nanmedian(within):
-                ends[k] = seen[k]
-        return ends[0], ends[1]
+        there = slice(max(0, int(first - margin)), max(0, int(last + margin) + 2))
+        seen = all(np.isfinite(strip[there, 0]).sum() >= 3 for strip in (below, above))
+        under, over = (np.nanmedian(strip[there], 0) if seen else np.zeros(3) for strip in (below, above))
+        contrast = float(np.linalg.norm(under - over))
+        if not is_ground and contrast < ALIKE:
+            return first - IN_AIR * margin, last + IN_AIR * margin
+        ends = [-float(self.width), 2.0 * self.width]
+        one = np.linalg.norm(below - above, axis=1) < max(ALIKE, FADED * contrast)
+        # beyond an object's own shadow the surface is lighter, and of the same hue
+        lighter = _luminance(below) / _luminance(under)
+        shaded = (lighter > 1) & (lighter < SHADE) & (np.linalg.norm((below - under)[:, 1:], axis=1) < ALIKE)
+        height = float((boxes[:, 3] - boxes[:, 1]).max())
+        inner = min(float(f.left[0]) for f in group), max(float(f.right[0]) for f in group)
+        for k, (x, way) in enumerate(zip(inner, (-1, 1), strict=True)):
+            columns = np.arange(round(np.clip(x, 0, self.width - 1)), -1 if way < 0 else self.width, way)
+            columns = columns[np.isfinite(below[columns, 0]) & seen]
+            gone = np.linalg.norm(below[columns] - under, axis=1) > 1.5 * ALIKE
+            lit = gone & shaded[columns]
+            if lit.any() and abs(columns[lit.argmax()] - x) < height:
+                gone &= ~lit
+            for i in np.flatnonzero(gone).tolist():
+                beyond = gone[i:] & one[columns[i:]] if is_ground else gone[i : i + SURE_END]
+                if len(gone) - i >= SURE_END and gone[i : i + SURE_END].all() and beyond.mean() >= MOSTLY:
+                    ends[k] = float(columns[i]) - 0.5 * way
+                    break
+        return min(inner[0], ends[0]), max(inner[1], ends[1])
+
+
+def _luminance(lab: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Relative luminance, 0..1, of CIE Lab `(..., 3)`; at least 0.003."""
+    return np.asarray(np.maximum((lab[..., 0] + 16) / 116, 0.14) ** 3)
+
+
+def find_cushions(photo: Photo, objects: Sequence[PhotoObject]) -> list[Wall]:
+    """Rails of a table seen from above: on each side the innermost straight edge beyond all objects.
+
+    None where fewer than two sides have one: the table goes on beyond the photo. Billiard balls have rails: where none
+    is seen, the photo's border takes its place.
+    """
+    if not objects:
+        return []
+    boxes = np.array([bounds(t.outline) for t in objects])
+    height, width = photo.labels.shape
+    free = boxes[:, 1].min(), width - 1 - boxes[:, 2].max(), height - 1 - boxes[:, 3].max(), boxes[:, 0].min()
+    found = [_rail(np.rot90(photo.lab, turn), float(free[turn])) for turn in range(4)]
+    if any("billiard" in t.label for t in objects):
+        found = [rail or (0.0, -0.5) for rail in found]
+    if sum(rail is not None for rail in found) < 2:
+        return []
+    lines = []
+    for turn, rail in enumerate(found):
+        slope, at = rail or (0.0, -0.5)
+        points = np.array([[0.0, at], [1.0, at + slope]])
+        for back in range(turn, 0, -1):  # rot90 takes the right side to the top
+            points = np.stack([(height if back % 2 == 0 else width) - 1 - points[:, 1], points[:, 0]], 1)
+        lines.append(points)
+    corners = [_crossing(lines[k - 1], lines[k]) for k in range(4)]
+    reason = "a straight edge along this side, beyond all objects, or of billiards the photo's border: the table's rail"
+    return [
+        Wall(f"cushion-{k + 1}", (corners[k], corners[(k + 1) % 4]), 0.2, CUSHION, 0.5, "edges", reason)
+        for k, rail in enumerate(found)
+        if rail is not None
+    ]
+
+
+def _rail(lab: F32, free: float) -> tuple[float, float] | None:
+    """Slope, and height at x = 0, of the lowest straight edge along the photo's top above row `free`; None: no edge."""
+    height, width = lab.shape[:2]
+    across = np.arange(width // 5, width - width // 5)
+    apart = RAIL.apart
+    rows = np.arange(2 * apart, int(min(free, height / 2)) - apart)
+    if len(rows) < 3:
+        return None
+    smooth = cv2.blur(np.ascontiguousarray(lab), (1, apart))
+    edges: list[tuple[float, float, float]] = []
+    for slope in np.linspace(-RAIL.askew, RAIL.askew, RAIL.slopes):
+        at = rows[:, None] + np.rint(slope * (across - width / 2)).astype(int)
+        above, below = (smooth[np.clip(at + off, 0, height - 1), across] for off in (-apart, apart))
+        change = below - above
+        way = np.median(change, axis=1)
+        way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-6)
+        step = np.percentile(np.einsum("rcl,rl->rc", change, way), 100 * (1 - MOSTLY), axis=1)
+        peaks = (step[1:-1] >= np.maximum(step[:-2], step[2:])) & (step[1:-1] >= RAIL.contrast)
+        edges += [(float(step[k]), float(slope), float(rows[k])) for k in np.flatnonzero(peaks) + 1]
+    if not edges:
+        return None
+    innermost = max(row for _, _, row in edges)
+    edges = [edge for edge in edges if edge[2] >= innermost - RAIL.shade * max(height, width)]
+    sharpest = max(edges)[0]
+    _, slope, row = min((e for e in edges if e[0] >= RAIL.alike * sharpest), key=lambda e: (abs(e[1]), -e[0]))
+    return slope, row - slope * width / 2
+
+
+def _crossing(one: Array, other: Array) -> tuple[float, float]:
+    """Where two lines, each through two points (2, 2), cross."""
+    (p, q), (a, b) = one, other
+    share = cross(a - p, b - a) / cross(q - p, b - a)
+    x, y = p + share * (q - p)
+    return round(float(x), 2), round(float(y), 2)

@@ -112,11 +112,11 @@ def _alike(one: Silhouette, other: Silhouette) -> bool:
 
 
 def lowest_floor(boundaries: BoundaryGuess) -> float | None:
-    """The row, px, of the lowest boundary that objects can stand on; None where there is none but the frame."""
+    """The row, px, of the lowest boundary that objects can stand on; None where there is none but the bottom."""
     rows = [
         max(p[1], q[1])
         for wall in boundaries.walls
-        if wall.name != "frame"
+        if wall.name != "bottom"
         for p, q in zip(wall.points[:-1], wall.points[1:], strict=True)
         if abs(q[0] - p[0]) > 1.2 * abs(q[1] - p[1])
     ]

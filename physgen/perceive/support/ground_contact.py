@@ -13,7 +13,6 @@ from math import radians, sin
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from physgen.geometry.convex import overlap_depth
 from physgen.geometry.polygon import (
@@ -63,7 +62,6 @@ class _LevelLimits:
     nearer: float = 4.0  # by which a flat foot may be lower than those of most and be lifted to their line
     band: float = 2.0  # above a foot, in which the border is the foot's
     alike: float = 1.5  # between feet up to which they stand on one straight line
-    even: float = 0.05  # between feet at one height
     level: float = 0.08  # slope of a foot up to which it is level, and its slope an error of the mask
     # slope of a line through three feet or more from which it is no level floor seen askew
     sloped: float = 0.03
@@ -201,8 +199,7 @@ def group_feet(feet: Sequence[Foot], tolerance: float) -> list[tuple[Line, list[
     groups: list[tuple[Line, list[Foot]]] = []
     while left:
         points, slopes = np.array([f.lowest for f in left]), np.array([f.slope for f in left])
-        pairs = _largest_pairs(points, slopes, _pairs(points), tolerance)
-        lines = [_line_through(points, slopes, pair, tolerance) for pair in pairs]
+        lines = _largest_groups(points, slopes, tolerance)
         line, group = max(lines, key=lambda found: _quality(found[0], found[1], points))
         groups.append((line, [left[i] for i in group]))
         taken = set(group)
@@ -210,58 +207,35 @@ def group_feet(feet: Sequence[Foot], tolerance: float) -> list[tuple[Line, list[
     return groups
 
 
-def _pairs(points: Array) -> NDArray[np.int64]:
-    """`(P, 2)`: each of the points `(N, 2)` with itself, then pairs."""
-    ordered = np.argsort(points[:, 0], kind="stable")
-    count = len(ordered)
+def _largest_groups(points: Array, slopes: Array, tolerance: float) -> list[tuple[Line, list[int]]]:
+    """Lines through pairs of the points `(N, 2)` with the most feet on them, and those; else each foot's own line."""
+    order = np.argsort(points[:, 0], kind="stable")
     # of very many, neighbours and those across the photo are enough to find a line
-    near = 400 // max(count, 1) + 1
-    i, j = np.triu_indices(count, 1)
-    kept = (j - i <= near) | (i < near)
-    alone = np.arange(count)
-    return np.concatenate([np.stack([alone, alone], 1), np.stack([ordered[i[kept]], ordered[j[kept]]], 1)])
-
-
-def _largest_pairs(
-    points: Array, slopes: Array, pairs: NDArray[np.int64], tolerance: float
-) -> NDArray[np.int64]:
-    """Those pairs, in their order, with the most feet on their lines, as `_line_through` counts."""
-    (x0, y0), (x1, y1) = points[pairs[:, 0]].T, points[pairs[:, 1]].T
-    apart = np.abs(x1 - x0) > 1
-    slope = np.where(apart, (y1 - y0) / np.where(apart, x1 - x0, 1.0), 0.0)
-    steep = np.abs(slope)
-    count = np.zeros(len(pairs), np.int64)
-    for start in range(0, len(pairs), 4096):
-        some = slice(start, start + 4096)
-        height = (y0 - slope * x0)[some, None]
-        near = np.abs(points[:, 1] - (slope[some, None] * points[:, 0] + height)) <= tolerance
-        near &= (steep[some, None] <= STEEP) | (np.abs(slopes - slope[some, None]) <= AGREE)
-        count[some] = near.sum(axis=1)
+    reach = 400 // len(order) + 1
+    i, j = np.triu_indices(len(order), 1)
+    kept = (j - i <= reach) | (i < reach)
+    first, run = points[order[i[kept]]], points[order[j[kept]]] - points[order[i[kept]]]
+    slope = np.where(run[:, 0] > 1, run[:, 1] / np.maximum(run[:, 0], 1.0), 0.0)
+    height, steep = first[:, 1] - slope * first[:, 0], np.abs(slope)
+    on = np.zeros((len(slope), len(points)), bool)
+    for some in np.array_split(np.arange(len(slope)), len(slope) // 4096 + 1):
+        off = points[:, 1] - (slope[some, None] * points[:, 0] + height[some, None])
+        alike = (steep[some, None] <= STEEP) | (np.abs(slopes - slope[some, None]) <= AGREE)
+        on[some] = (np.abs(off) <= tolerance) & alike
+    count = on.sum(axis=1)
     two_askew = (count < 3) & (steep > FOOT.two_tilt) & (steep <= STEEP)
-    count[(count < 2) | (steep > FOOT.steepest) | two_askew] = 1
-    return np.asarray(pairs[count == count.max()])
-
-
-def _line_through(
-    points: Array, slopes: Array, pair: NDArray[np.int64], tolerance: float
-) -> tuple[Line, list[int]]:
-    """The line through the lowest points of two feet, and the indices of all feet on it."""
-    first, second = pair.tolist()
-    (x0, y0), (x1, y1) = points[first], points[second]
-    slope = float((y1 - y0) / (x1 - x0)) if abs(x1 - x0) > 1 else 0.0
-    line = Line(slope, float(y0 - slope * x0))
-    near = np.abs(points[:, 1] - (line.slope * points[:, 0] + line.height)) <= tolerance
-    if abs(slope) > STEEP:
-        near &= np.abs(slopes - slope) <= AGREE
-    group = np.flatnonzero(near)
-    two_askew = len(group) < 3 and FOOT.two_tilt < abs(slope) <= STEEP
-    if len(group) < 2 or abs(slope) > FOOT.steepest or two_askew:
-        own = float(slopes[first]) if abs(slopes[first]) > STEEP else 0.0
-        return Line(own, float(y0 - own * x0)), [first]
-    if len(group) > 2:
-        fitted, height = np.polyfit(points[group, 0], points[group, 1], 1)
-        line = Line(float(fitted), float(height))
-    return line, group.tolist()
+    count[(steep > FOOT.steepest) | two_askew] = 0
+    if count.max(initial=0) < 2:
+        own = np.where(np.abs(slopes) > STEEP, slopes, 0.0).tolist()
+        return [
+            (Line(s, float(y - s * x)), [k]) for k, (s, (x, y)) in enumerate(zip(own, points, strict=True))
+        ]
+    found = []
+    for k in np.flatnonzero(count == count.max()).tolist():
+        group = np.flatnonzero(on[k])
+        fit = np.polyfit(*points[group].T, 1) if len(group) > 2 else (slope[k], height[k])
+        found.append((Line(float(fit[0]), float(fit[1])), group.tolist()))
+    return found
 
 
 def _quality(line: Line, group: Sequence[int], points: Array) -> tuple[int, float, float]:
@@ -352,14 +326,6 @@ def free_ends(
 # level feet
 
 
-def foot_lift(outline: Outline) -> float:
-    """px by which the section through its middle is higher in the photo than its front edge; 0 for round objects."""
-    if isinstance(outline, Disc):
-        return 0.0
-    x0, y0, x1, y1 = bounds(outline)
-    return min(LEVEL.max_lift, 0.5 * sin(radians(LEVEL.tilt)) * min(x1 - x0, y1 - y0))
-
-
 def stands_flat(foot: Foot) -> bool:
     """Whether an object stands on a level edge, not on a corner or a curve."""
     if isinstance(foot.item.outline, Disc):
@@ -372,25 +338,31 @@ def stands_flat(foot: Foot) -> bool:
 
 
 def _height(foot: Foot) -> float:
-    """y at which an object stands."""
-    return float(foot.hull[:, 1].max()) - (foot_lift(foot.item.outline) if stands_flat(foot) else 0.0)
+    """y at which an object stands: a flat foot as its section through its middle, higher than its front edge."""
+    x0, y0, x1, y1 = bounds(foot.item.outline)
+    lift = min(LEVEL.max_lift, 0.5 * sin(radians(LEVEL.tilt)) * min(x1 - x0, y1 - y0))
+    return float(foot.hull[:, 1].max()) - lift * stands_flat(foot)
 
 
 def split_group(line: Line, group: Sequence[Foot]) -> list[tuple[Line, list[Foot]]]:
-    """A group of three or more on a level line, and separately its feet that are higher or lower than most.
+    """The feet of a group that stand on one line, level unless most show its slope; each other foot by itself.
 
     One floor for all of them would be a chain of humps: as the floor is flat, the masks are wrong, or those objects
     stand nearer or farther.
     """
-    if len(group) < 3 or abs(line.slope) >= LEVEL.sloped:
+    if abs(line.slope) > STEEP or _askew(line, group):
         return [(line, list(group))]
     level, tilted = (_near_line(group, slope, LEVEL.alike)[1] for slope in (0.0, line.slope))
     # one object alone shows no slope
     slope = line.slope if len(tilted) >= len(level) + 2 else 0.0
     stood, kept = _near_line(group, slope, LEVEL.askew, LEVEL.nearer)
-    if len(kept) < 2 or len(kept) == len(group):
-        return [(line, list(group))]
-    return [(stood, kept), *((Line(0.0, float(f.lowest[1])), [f]) for f in group if f not in kept)]
+    alone = [f for f in group if len(kept) < 2 or f not in kept]
+    return [(stood, kept)] * (len(kept) > 1) + [(Line(0.0, round(_height(f), 2)), [f]) for f in alone]
+
+
+def _askew(line: Line, group: Sequence[Foot]) -> bool:
+    """Whether it is a sloped floor's."""
+    return len(group) > 2 and abs(line.slope) >= LEVEL.sloped
 
 
 def _near_line(
@@ -398,7 +370,7 @@ def _near_line(
 ) -> tuple[Line, list[Foot]]:
     """The line of a slope through most of a group, and those within `within` px of it, or flat and down to `lower`."""
     off = np.array([_height(foot) - slope * float(foot.lowest[0]) for foot in group])
-    line = Line(slope, float(np.median(off)))
+    line = Line(slope, round(float(np.median(off)), 2))
     flat = np.array([stands_flat(foot) for foot in group])
     # a flat foot nearer to the camera is lower, and can be lifted; round objects stand where they are
     most = np.where(flat, within if lower is None else lower, within)
@@ -410,52 +382,18 @@ def _near_line(
 
 
 def level_feet(line: Line, group: Sequence[Foot]) -> dict[int, Outline]:
-    """Outlines with straight feet, by id, of those in a group that stand flat: on one line where they nearly do."""
+    """Outlines with feet straight on the line of a group, by id, of those that stand flat, or as steep as it."""
     result: dict[int, Outline] = {}
-    if abs(line.slope) > STEEP:
-        for foot in group:
-            outline = foot.item.outline
-            if isinstance(outline, Region) and abs(foot.slope - line.slope) <= AGREE:
-                result[foot.item.id] = straighten_foot(outline, line)
-        return result
-    feet = [foot for foot in group if stands_flat(foot)]
-    if not feet or (len(group) > 2 and abs(line.slope) >= LEVEL.sloped):
-        return {}
-    slope, heights = _common_heights(line, group, feet)
-    for foot, height in zip(feet, heights.tolist(), strict=True):
-        assert isinstance(foot.item.outline, Region)
-        stood = Line(slope, round(height, 2))
-        low = float(foot.hull[:, 1].max())
+    for foot in group:
+        outline, steep = foot.item.outline, abs(line.slope) > STEEP
+        follows = abs(foot.slope - line.slope) <= AGREE if steep else stands_flat(foot)
+        if isinstance(outline, Disc) or not follows or (_askew(line, group) and not steep):
+            continue
         rise = abs(float(foot.right[1] - foot.left[1]))
-        up = max(LEVEL.band, rise + 0.5, stood.at(float(foot.lowest[0])) - low + 0.5)
-        result[foot.item.id] = straighten_foot(foot.item.outline, stood, up)
+        lift = line.at(float(foot.lowest[0])) - float(foot.hull[:, 1].max())
+        up = LEVEL.band if steep else max(LEVEL.band, rise + 0.5, lift + 0.5)
+        result[foot.item.id] = straighten_foot(outline, line, up)
     return result
-
-
-def _common_heights(line: Line, group: Sequence[Foot], feet: Sequence[Foot]) -> tuple[float, Array]:
-    """The slope of the floor, and the height at x = 0 of each of the flat `feet`, made equal where they nearly are."""
-    heights = np.array([_height(foot) for foot in feet])
-    slope = 0.0
-    if len(group) > 2:
-        rest = heights - line.slope * np.array([foot.lowest[0] for foot in feet])
-        if np.ptp(heights) > 2 * LEVEL.alike and np.ptp(rest) < np.ptp(heights):
-            slope, heights = line.slope, rest
-        low, high = np.array([heights.min(), heights.max()]) - np.median(heights)
-        if low >= -LEVEL.askew and high <= LEVEL.nearer:
-            heights = np.full(len(feet), np.median(heights))
-    for k in range(len(feet)):
-        near = np.abs(heights - heights[k]) <= LEVEL.alike
-        if near.sum() > 1 and np.ptp(heights) <= 2 * LEVEL.alike:
-            heights = np.where(near, np.median(heights[near]), heights)
-    return slope, heights
-
-
-def levelled_line(line: Line, group: Sequence[Foot]) -> Line:
-    """The line of a group, level where all of it stands at one height."""
-    heights = [float(y) for foot in group for y in (foot.left[1], foot.right[1])]
-    if max(heights) - min(heights) > LEVEL.even:
-        return line
-    return Line(0.0, max(heights))
 
 
 def straighten_foot(outline: Region, line: Line, band: float = LEVEL.band) -> Region:
@@ -553,18 +491,13 @@ def fit_rectangle(outline: Outline) -> Region | None:
 
 
 def _sides(own: Array) -> tuple[Array, Array]:
-    """`(2,)` each: the sides in the rectangle's own axes, at the mean of the border along each."""
-    dense = _dense(own)
-    low, high = dense.min(axis=0), dense.max(axis=0)
-    margin = 2 * BOX.ragged
-    for axis in (0, 1):
-        other = dense[:, 1 - axis]
-        within = (other > np.min(other) + margin) & (other < np.max(other) - margin)
-        ends = dense[:, axis] < low[axis] + margin, dense[:, axis] > high[axis] - margin
-        sides = [dense[within & end, axis] for end in ends]
-        if all(map(len, sides)):
-            low[axis], high[axis] = (float(side.mean()) for side in sides)
-    return low, high
+    """`(2,)` each: the sides in the rectangle's own axes, at the median of the border along each."""
+    dense, margin = _dense(own), 2 * BOX.ragged
+    low, high = (
+        np.where(near, dense, np.nan)
+        for near in (dense < dense.min(0) + margin, dense > dense.max(0) - margin)
+    )
+    return np.nanmedian(low, axis=0), np.nanmedian(high, axis=0)
 
 
 def _dense(points: Array) -> Array:

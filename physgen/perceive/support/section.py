@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 
 from physgen.geometry.polygon import Array, bounds
 from physgen.perceive.roles import F32, Labels, Mask, PhotoObject, Scenery, Wall
-from physgen.perceive.support.ground_contact import Foot, Line, rounded_down
-from physgen.perceive.support.supports import free_parts
+from physgen.perceive.support.ground_contact import Foot, Line
 from physgen.problems import InputError
 
 
@@ -46,16 +45,13 @@ class _Tuning:
     seen: float = 0.4  # share of an edge that must not be hidden by objects
     flat: float = 0.85  # length of the mean of unit normals of one plane: all within about 30 degrees
     strip: tuple[int, ...] = (2, 4, 6)  # from an edge, where normals and depth are read on its solid side
-    level: float = 3.0  # degrees up to which an edge is level or upright
     same: float = 0.02  # of the photo, by which the ends of a floor's edge may be off it
     under: tuple[int, ...] = (5, 8)  # below a floor, where solid matter is looked for
     nothing: float = 0.03  # of the photo: a floor ends where as much of nothing is seen under it
     backed: float = 0.5  # share of a floor at objects that must be solid for its ends to be looked for
-    foot: float = 3.0  # in which an object stands on a floor
 
 
 TUNING = _Tuning()
-LEAST_FACING = TUNING.facing
 
 
 @dataclass(frozen=True)
@@ -130,23 +126,6 @@ def hidden_by_objects(labels: Labels) -> Mask:
     """(H, W): objects, and as far as their depth bleeds."""
     reach = 2 * max(2, round(TUNING.bleeds * max(labels.shape) / 512)) + 1
     return np.asarray(cv2.dilate((labels > 0).astype(np.uint8), np.ones((reach, reach), np.uint8)) > 0)
-
-
-def above_below(depth: F32, labels: Labels, objects: Sequence[PhotoObject], away: Mask) -> float:
-    """Mean, -1..1, by which the background above objects is farther than below them, relative to how they stand out."""
-    differences = []
-    for rows, columns in _pixels(labels, objects):
-        y0, y1, across = rows.min(), rows.max() + 1, slice(columns.min(), columns.max() + 1)
-        reach = max(6, (y1 - y0) // 3)
-        parts = [
-            depth[a:b, across][~away[a:b, across]] for a, b in ((max(0, y0 - reach), y0), (y1, y1 + reach))
-        ]
-        if min(map(len, parts)) < 10:
-            continue
-        above, below = (float(np.median(part)) for part in parts)
-        out = max(above, below) - float(np.median(depth[rows, columns]))
-        differences.append(np.clip((above - below) / max(out, 0.05), -1, 1))
-    return float(np.mean(differences)) if differences else 0.0
 
 
 def _pixels(labels: Labels, objects: Sequence[PhotoObject]) -> Iterator[tuple[NDArray[Any], NDArray[Any]]]:
@@ -253,7 +232,7 @@ def section_edges(section: Section, normals: F32) -> list[Edge]:
     """Straight parts of the border of the solid that are seen and with a plane on their solid side."""
     contours, _ = cv2.findContours(section.solid.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     found = [edge for contour in contours for edge in _straight_edges(contour[::-1, 0, :], section)]
-    planes = [_plane(_squared(edge), section, normals) for edge in found]
+    planes = [_plane(edge, section, normals) for edge in found]
     return [edge for edge in planes if edge is not None]
 
 
@@ -289,17 +268,6 @@ def _straight_edges(points: NDArray[Any], section: Section) -> Iterator[Edge]:
             yield edge
 
 
-def _squared(edge: Edge) -> Edge:
-    """Level or upright where it nearly is."""
-    run, rise = np.abs(edge.end - edge.start)
-    axis = 0 if run < rise else 1
-    if degrees(atan2(min(run, rise), max(run, rise))) > TUNING.level:
-        return edge
-    start, end = edge.start.copy(), edge.end.copy()
-    start[axis] = end[axis] = 0.5 * (start[axis] + end[axis])
-    return replace(edge, start=start, end=end)
-
-
 def _plane(edge: Edge, section: Section, normals: F32) -> Edge | None:
     """The edge where its solid side is a plane, and not nearer than all objects."""
     height, width = section.solid.shape
@@ -321,77 +289,34 @@ def _plane(edge: Edge, section: Section, normals: F32) -> Edge | None:
 # floors
 
 
-def extend_floors(
-    floors: Sequence[Wall], found: Sequence[Edge], section: Section, objects: Sequence[PhotoObject]
-) -> tuple[list[Wall], list[Edge]]:
-    """Floors as far as they are seen to be solid, and the edges that belong to none of them."""
-    left = [edge for edge in found if not any(_is_floor_edge(edge, wall, section) for wall in floors)]
-    return [_extended(wall, section, objects) for wall in floors], left
-
-
-def _is_floor_edge(edge: Edge, wall: Wall, section: Section) -> bool:
+def is_floor_edge(section: Section, edge: Edge, wall: Wall) -> bool:
     """Whether an edge is a piece of a floor, or continues it."""
-    points = np.array(wall.points)
-    off = [abs(_point_at(points, float(x))[1] - float(y)) for x, y in (edge.start, edge.end)]
-    return edge.out[1] < -0.5 and max(off) <= TUNING.same * section.size
+    (x0, y0), (x1, y1) = edge.start, edge.end
+    off = np.abs(np.interp([x0, x1], *np.array(wall.points).T) - [y0, y1])
+    return bool(edge.out[1] < -0.5 and off.max() <= TUNING.same * section.size)
 
 
-def _extended(wall: Wall, section: Section, objects: Sequence[PhotoObject]) -> Wall:
-    points = np.array(wall.points)
-    inner = _standing_range(points, objects)
-    if inner is None:
-        return wall
-    start, end = _solid_range(points, inner, section)
-    if abs(start - points[0, 0]) < 1 and abs(end - points[-1, 0]) < 1:
-        return wall
-    kept = points[(points[:, 0] > start) & (points[:, 0] < end)]
-    chain = [_point_at(points, start), *((float(x), float(y)) for x, y in kept), _point_at(points, end)]
-    middle = 0.5 * (inner[0] + inner[1])
-    parts = free_parts(chain, [t.outline for t in objects])
-    part = min(parts, key=lambda p: max(p[0][0] - middle, middle - p[-1][0], 0.0), default=None)
-    if part is None or part[0][0] > inner[0] + 1 or part[-1][0] < inner[1] - 1:
-        return wall
-    reason = wall.reason + "; its ends are from depth"
-    return replace(wall, points=tuple(part), source="depth and lowest points", reason=reason)
+def solid_reach(section: Section, line: Line, group: Sequence[Foot]) -> tuple[float, float] | None:
+    """The ends of the floor under a group: where nothing solid is seen under it any more, else far off.
 
-
-def _point_at(points: Array, x: float) -> tuple[float, float]:
-    """The point of a chain at x; beyond its ends it continues straight."""
-    if points[0, 0] <= x <= points[-1, 0]:
-        return rounded_down(x, float(np.interp(x, points[:, 0], points[:, 1])))
-    a, b = (points[0], points[1]) if x < points[0, 0] else (points[-2], points[-1])
-    return rounded_down(x, float(a[1] + (b[1] - a[1]) * (x - a[0]) / max(b[0] - a[0], 1e-9)))
-
-
-def _standing_range(points: Array, objects: Sequence[PhotoObject]) -> tuple[float, float] | None:
-    """From where to where objects stand on a chain of points."""
-    spans = []
-    for item in objects:
-        x0, _, x1, y1 = bounds(item.outline)
-        lowest = float(np.interp([x0, 0.5 * (x0 + x1), x1], points[:, 0], points[:, 1]).max())
-        if x1 > points[0, 0] and x0 < points[-1, 0] and abs(lowest - y1) <= TUNING.foot:
-            spans.append((max(x0, float(points[0, 0])), min(x1, float(points[-1, 0]))))
-    return (min(s[0] for s in spans), max(s[1] for s in spans)) if spans else None
-
-
-def _solid_range(points: Array, inner: tuple[float, float], section: Section) -> tuple[float, float]:
-    """The ends of a floor: going outwards from `inner`, where nothing solid is seen under it any more."""
+    None where nothing solid is seen beside the objects.
+    """
     height, width = section.solid.shape
     columns = np.arange(width)
-    level = np.array([_point_at(points, float(x))[1] for x in columns])
     empty, solid = np.ones(width, bool), np.ones(width, bool)
     for down in TUNING.under:
-        rows = np.rint(level).astype(int) + down
+        rows = np.rint(line.at(columns)).astype(int) + down
         inside = (rows >= 0) & (rows < height)
         at = np.clip(rows, 0, height - 1), columns
         empty &= ~inside | (section.known[at] & ~section.solid[at])
         solid &= section.solid[at] | ~section.known[at]
-    margin = TUNING.nothing * section.size
+    boxes = np.array([bounds(foot.item.outline) for foot in group])
+    inner = boxes[:, 0].min(), boxes[:, 2].max()
+    margin = int(max(TUNING.nothing * section.size, 1))
     beside = (columns >= inner[0] - margin) & (columns <= inner[1] + margin)
     if not beside.any() or solid[beside].mean() < TUNING.backed:
-        return float(points[0, 0]), float(points[-1, 0])
-    holes = np.flatnonzero(np.convolve(empty, np.ones(max(int(margin), 1)), "valid") >= int(margin))
-    left = holes[holes + margin <= inner[0]]
-    right = holes[holes >= inner[1]]
-    start = float(left.max() + int(margin)) - 0.5 if len(left) else -0.5
-    return start, float(right.min()) - 0.5 if len(right) else width - 0.5
+        return None
+    holes = np.flatnonzero(np.convolve(empty, np.ones(margin), "valid") >= margin)
+    left, right = holes[holes + margin <= inner[0]], holes[holes >= inner[1]]
+    start = float(left.max() + margin) - 0.5 if len(left) else -float(width)
+    return start, float(right.min()) - 0.5 if len(right) else 2.0 * width

@@ -61,7 +61,7 @@ def add_supports(
     boxes = np.array([bounds(outline) for outline in outlines]).reshape(-1, 4)
     fixed = {k for k, item in enumerate(objects) if item.cut}
     between = contacts(outlines, [])
-    chains = [np.array(wall.points) for wall in walls if wall.name != "frame"]
+    chains = [np.array(wall.points) for wall in walls if wall.name != "bottom"]
     on = [contact for chain in chains for contact in wall_contacts(outlines, boxes, chain)]
     known: dict[tuple[object, ...], list[int]] = {}
     tries: dict[int, int] = {}
