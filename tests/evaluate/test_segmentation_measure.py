@@ -19,12 +19,15 @@ DISCS = [(60, 60, 24), (150, 70, 28), (110, 150, 26), (24, 180, 28)]
 
 
 def drawn(shift: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Four plain discs on plain ground, the last one cut by the border, and their ids."""
+    """Four matt balls lit from above on plain ground, the last one cut by the border, and their ids."""
     rgb, labels = np.full((220, 220, 3), 90, np.uint8), np.zeros((220, 220), np.uint16)
     y, x = np.mgrid[:220, :220]
     for k, (cx, cy, radius) in enumerate(DISCS):
         inside = np.hypot(x - cx - shift, y - cy) <= radius
-        rgb[inside], labels[inside] = (210, 60 + 40 * k, 50), k + 1
+        up, away = (y - cy) / radius, np.hypot(x - cx - shift, y - cy) / radius
+        light = 0.35 + 0.65 * np.clip(0.6 * np.sqrt(np.clip(1 - away**2, 0, 1)) - 0.8 * up, 0, 1)
+        rgb[inside] = (light[..., None] * (230, 90 + 40 * k, 60))[inside]
+        labels[inside] = k + 1
     grain = np.random.default_rng(0).normal(0, 2, rgb.shape)
     return np.clip(cv2.GaussianBlur(rgb, (0, 0), 0.7) + grain, 0, 255).astype(np.uint8), labels
 
