@@ -17,7 +17,11 @@ def photos(tmp_path: Path) -> list[str]:
     paths = []
     for k, name in enumerate(("a", "b")):
         rgb = np.full((90, 120, 3), (200, 190, 180), np.uint8)
-        cv2.circle(rgb, (40 + 30 * k, 50), 18, (30, 60, 200), -1, cv2.LINE_AA)
+        y, x = (
+            np.mgrid[:90, :120] - np.array([50, 40 + 30 * k])[:, None, None]
+        ) / 18  # a ball lit from above
+        light = 0.35 + 0.65 * np.clip(0.6 * np.sqrt(np.clip(1 - x**2 - y**2, 0, 1)) - 0.8 * y, 0, 1)
+        rgb[x**2 + y**2 <= 1] = (light[..., None] * (40, 90, 230))[x**2 + y**2 <= 1]
         cv2.imwrite(str(tmp_path / f"{name}.png"), rgb)
         paths.append(str(tmp_path / f"{name}.png"))
     return paths
@@ -45,7 +49,8 @@ def test_one_bad_photo_leaves_the_others(photos, tmp_path: Path, capsys):
     heard = capsys.readouterr()
     assert sorted(path.name for path in (tmp_path / "all").glob("*.yaml")) == ["a.yaml", "b.yaml"]
     assert "bad.png" in heard.err
-    assert "a.png" not in heard.err
+    problems = [line for line in heard.err.splitlines() if "suitability" not in line]
+    assert not any("a.png" in line for line in problems)
 
 
 @pytest.mark.parametrize(
