@@ -233,7 +233,8 @@ def _largest_groups(points: Array, slopes: Array, tolerance: float) -> list[tupl
     found = []
     for k in np.flatnonzero(count == count.max()).tolist():
         group = np.flatnonzero(on[k])
-        fit = np.polyfit(*points[group].T, 1) if len(group) > 2 else (slope[k], height[k])
+        x, y = points[group].T
+        fit = np.polyfit(x, y, 1) if len(group) > 2 else (slope[k], height[k])
         found.append((Line(float(fit[0]), float(fit[1])), group.tolist()))
     return found
 

@@ -305,7 +305,7 @@ def solid_reach(section: Section, line: Line, group: Sequence[Foot]) -> tuple[fl
     columns = np.arange(width)
     empty, solid = np.ones(width, bool), np.ones(width, bool)
     for down in TUNING.under:
-        rows = np.rint(line.at(columns)).astype(int) + down
+        rows = np.rint(line.slope * columns + line.height).astype(int) + down
         inside = (rows >= 0) & (rows < height)
         at = np.clip(rows, 0, height - 1), columns
         empty &= ~inside | (section.known[at] & ~section.solid[at])
