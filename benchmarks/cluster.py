@@ -23,27 +23,28 @@ from pathlib import Path
 from statistics import median
 
 from batch import SMALL, TINY, physgen, sets, timed, variants
+from distributed import LocalCluster
 
 from physgen.batch import cluster as farm
 from physgen.batch.run import Job
 from physgen.pipeline import Page, RenderOptions, load
 
 CLIPS, TURNS = 100, 5
-WAYS = {"processes": [], "dask": ["--cluster", "dask"]}
+WAYS = ("processes", "dask")
 
 
 def local(clips: int = CLIPS, turns: int = TURNS) -> list[dict]:
     """Wall and CPU seconds of a run with two processes and with two local workers; ratios of each turn's two."""
     taken: dict[str, list[tuple[float, float]]] = {way: [] for way in WAYS}
-    with tempfile.TemporaryDirectory() as name:
+    with tempfile.TemporaryDirectory() as name, workers(Path(name), 2) as (file, _):
         folder = Path(name)
         for turn in range(turns):
             scene = variants(folder / str(turn), clips)
             made = len(load(scene).variants) + 1
-            ways = list(WAYS) if turn % 2 else list(WAYS)[::-1]
-            for way in ways:
+            for way in WAYS if turn % 2 else WAYS[::-1]:
                 flags = ["--variant", "all", "--report", "none", "--jobs", "2", "--no-cache", *sets(*SMALL)]
-                command = physgen("render", str(scene), "-o", str(folder / "out"), *flags, *WAYS[way])
+                flags += ["--cluster", f"dask={file}"] if way == "dask" else []
+                command = physgen("render", str(scene), "-o", str(folder / "out"), *flags)
                 taken[way].append(timed(command, folder / "cache"))
                 shutil.rmtree(folder / "out")
     rows = []
@@ -87,10 +88,11 @@ def handed(clips: int) -> None:
             for k in range(clips)
         ]
         begun = 0.0
-        for number, done in enumerate(farm.run_on_cluster("dask", 2, jobs)):
-            assert done.folder is not None
-            if number == clips // 4:
-                begun = _own()
+        with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as local:
+            for number, done in enumerate(farm.run_on_cluster(f"dask={local.scheduler_address}", jobs)):
+                assert done.folder is not None
+                if number == clips // 4:
+                    begun = _own()
         print(round(1000 * (_own() - begun) / (clips - clips // 4 - 1), 2))
 
 

@@ -1,6 +1,6 @@
-"""Make clips on a Dask cluster: open the cluster, submit jobs, collect results in order.
+"""Make clips on a Dask cluster: connect to its scheduler, submit jobs, collect results in order.
 
-Workers see the user's folders, or read and write URLs. A worker makes one clip at a time.
+Workers see the user's folders. A worker makes one clip at a time.
 """
 
 from __future__ import annotations
@@ -8,8 +8,6 @@ from __future__ import annotations
 import logging
 import os
 import pickle
-import shutil
-import signal
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -17,7 +15,6 @@ from functools import cache
 from threading import Lock
 from typing import TYPE_CHECKING, Any
 
-from physgen.batch.remote import is_url
 from physgen.batch.resume import CODE
 from physgen.batch.run import MANIFEST, Done, Job, failed, run
 from physgen.batch.workers import AHEAD, LostError
@@ -30,11 +27,11 @@ if TYPE_CHECKING:
 
 TIMEOUT = 10.0
 """s in which a scheduler must answer."""
-CLOSE_TIMEOUT, HURRIED_TIMEOUT = 10.0, 1.0
-"""s in which a client or cluster must close, and the same after an interruption."""
 NO_WORKER_NOTICE = 10.0
 """s without any worker after which that is reported."""
 INSTALL = "pip install 'physgen[cluster]'"
+CLOSE_TIMEOUT = 1.0
+"""s in which the client must close."""
 SAME_VERSIONS = "install the same on both"
 DASK_SETTINGS = {
     "distributed.worker.profile.enabled": False,
@@ -66,7 +63,7 @@ def run_here(expected: Versions, folder: str, job: bytes) -> Done:
             os.chdir(folder)
         except OSError:
             found = f"is not there on a worker, {os.uname().nodename}"
-            fix = "run this from a folder that workers share, or name URLs"
+            fix = "run this from a folder that workers share"
             raise InputError.of("--cluster", f'"{folder}"', found, fix) from None
         return run(pickle.loads(job))
 
@@ -85,17 +82,14 @@ def _version_error(theirs: Versions, ours: Versions) -> InputError:
 
 
 def run_on_cluster(
-    where: str,
-    workers: int,
-    jobs: Iterable[Job],
-    report: Callable[[str], None] = lambda text: None,
+    where: str, jobs: Iterable[Job], report: Callable[[str], None] = lambda text: None
 ) -> Generator[Done, None, None]:
     """Results in the order of the jobs, from the cluster that `--cluster` names.
 
     `report` gets what there is to wait for. Raises InputError where there is no such cluster or the clips of a worker
     would differ, OSError where the scheduler is lost. A caller that stops early must close the generator.
     """
-    with _connected(where, workers) as client:
+    with _connected(where) as client:
         try:
             client.wait_for_workers(1, timeout=NO_WORKER_NOTICE)
         except TimeoutError:
@@ -149,9 +143,9 @@ def _done(job: Job, future: Future, result: Any, where: str) -> Done:
     from distributed import KilledWorker
 
     if isinstance(result, Done):
-        if result.folder is None or is_url(job.out) or (result.folder / MANIFEST).is_file():
+        if result.folder is None or (result.folder / MANIFEST).is_file():
             return result
-        fix = "choose a folder with -o that workers share, or a URL"
+        fix = "choose a folder with -o that workers share"
         return failed(
             job, InputError.of(str(result.folder), "", "was made, and cannot be seen from here", fix)
         )
@@ -167,24 +161,16 @@ def _done(job: Job, future: Future, result: Any, where: str) -> Done:
 
 
 @contextmanager
-def _connected(where: str, workers: int) -> Iterator[Client]:
-    """A client of a local cluster, a scheduler, or Slurm; what was started here is closed at the end."""
+def _connected(where: str) -> Iterator[Client]:
+    """A client of the scheduler `dask=ADDRESS` or `dask=FILE.json`."""
     try:
         import dask
         from distributed import Client
     except ImportError:
         found = "needs Dask, which is not installed"
         raise InputError.of("--cluster", f'"{where}"', found, INSTALL) from None
-    kind, _, address = where.partition("=")
-    address = os.path.expanduser(address)
+    address = os.path.expanduser(where.removeprefix("dask="))
     with _quiet(), dask.config.set(DASK_SETTINGS):
-        if not address:
-            with (
-                _slurm(workers) if "slurm" in kind else _local(workers) as cluster,
-                _closing(Client(cluster, timeout=TIMEOUT, set_as_default=False)) as client,
-            ):
-                yield client
-            return
         is_file = address.endswith(".json")
         if is_file and not os.path.exists(address):
             fix = "start it: dask scheduler --scheduler-file FILE.json"
@@ -197,22 +183,11 @@ def _connected(where: str, workers: int) -> Iterator[Client]:
             reason = str(error).split("\n")[0]
             found = f"is no scheduler that answers within {TIMEOUT:g} s ({reason})"
             raise InputError.of("--cluster", f'"{address}"', found, fix) from None
-        with _closing(client):
+        try:
             yield client
-
-
-@contextmanager
-def _closing(opened: Any) -> Iterator[Any]:
-    """Closes a client or a cluster at the end of the block, without delay after an interruption."""
-    timeout = CLOSE_TIMEOUT
-    try:
-        yield opened
-    except BaseException:
-        timeout = HURRIED_TIMEOUT
-        raise
-    finally:
-        with suppress(Exception):
-            opened.close(timeout=timeout)
+        finally:
+            with suppress(Exception):
+                client.close(timeout=CLOSE_TIMEOUT)
 
 
 @contextmanager
@@ -220,8 +195,8 @@ def _quiet() -> Iterator[None]:
     """Silences the logs of Dask, whose errors are reported in our own words."""
     names = [
         name
-        for name in ("distributed", "tornado", "dask_jobqueue", *logging.root.manager.loggerDict)
-        if name.partition(".")[0] in ("distributed", "tornado", "dask_jobqueue")
+        for name in ("distributed", "tornado", *logging.root.manager.loggerDict)
+        if name.partition(".")[0] in ("distributed", "tornado")
     ]
     before = {name: logging.getLogger(name).level for name in names}
     logging.getLogger("asyncio").setLevel(logging.CRITICAL + 1)  # for good: it still logs after the block
@@ -234,65 +209,3 @@ def _quiet() -> Iterator[None]:
         finally:
             for name, level in before.items():
                 logging.getLogger(name).setLevel(level)
-
-
-@contextmanager
-def _local(workers: int) -> Iterator[Any]:
-    """Worker processes of this machine."""
-    from distributed import LocalCluster
-
-    cluster = LocalCluster(
-        n_workers=workers,
-        threads_per_worker=1,
-        dashboard_address=None,
-        memory_limit=0,
-        silence_logs=logging.CRITICAL + 1,
-    )
-    with _closing(cluster):
-        yield cluster
-
-
-@contextmanager
-def _slurm(workers: int) -> Iterator[Any]:
-    """Workers in jobs of Slurm, as `jobqueue.slurm` of Dask's settings says; else of one core and 4 GB each."""
-    import dask
-    from distributed.core import Status
-
-    if shutil.which("sbatch") is None:
-        fix = "run this on a machine of the cluster, or name a scheduler: --cluster dask=tcp://HOST:8786"
-        raise InputError.of("--cluster", '"slurm"', "needs Slurm, and there is no sbatch on the PATH", fix)
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        from dask_jobqueue import SLURMCluster
-
-        with suppress(ValueError):  # not the main thread; its import replaces the handler of Ctrl-C
-            for number, handler in handlers.items():
-                signal.signal(number, handler)
-        defaults = {"cores": 1, "processes": 1, "memory": "4GB"}
-        more = {k: v for k, v in defaults.items() if dask.config.get(f"jobqueue.slurm.{k}", None) is None}
-        quiet = logging.CRITICAL + 1
-        cluster = SLURMCluster(scheduler_options={"dashboard": False}, silence_logs=quiet, **more)
-    except ImportError:
-        found = "needs dask-jobqueue, which is not installed"
-        raise InputError.of("--cluster", '"slurm"', found, INSTALL) from None
-    except (OSError, RuntimeError, TypeError, ValueError) as error:
-        raise _slurm_error(error) from None
-
-    async def request() -> None:
-        cluster.scale(workers)
-        await cluster._correct_state()  # by itself it does not raise what Slurm refuses
-
-    with _closing(cluster):
-        try:
-            cluster.sync(request)
-        except (OSError, RuntimeError, ValueError) as error:
-            for job in cluster.workers.values():  # closing the cluster waits for those that seem to start
-                job.status = Status.failed if job.status is Status.created else job.status
-            raise _slurm_error(error) from None
-        yield cluster
-
-
-def _slurm_error(error: Exception) -> InputError:
-    reason = " ".join(str(error).rpartition("stderr:")[2].split())
-    fix = "see jobqueue.slurm in Dask's settings, e.g. ~/.config/dask/jobqueue.yaml"
-    return InputError.of("--cluster", '"slurm"', f"gives no workers ({reason})", fix)

@@ -1,9 +1,7 @@
-"""Make clips: run one job here, or many in several processes; scenes and folders may be remote."""
+"""Make clips: run one job here, or many in several processes."""
 
 from __future__ import annotations
 
-import json
-import os
 import time
 import traceback
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
@@ -12,29 +10,21 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 from physgen import pipeline
 from physgen.batch.outcomes import outcomes
-from physgen.batch.remote import RemoteFolder, is_url, open_folder, url_below
-from physgen.batch.remote_scene import fetch_scene
-from physgen.batch.resume import clip_mark, recorded_warnings, unchanged_clip, unchanged_inputs
+from physgen.batch.resume import clip_mark, recorded_warnings, unchanged_clip
 from physgen.batch.workers import LostError, run_parallel
 from physgen.export.video import NO_ROOM
 from physgen.files import file_stamp, final_name
 from physgen.problems import InputError, Problem
 from physgen.registry import Plan, load_plan
 from physgen.report.clips import failure_of, remove_failure, write_failure
-from physgen.report.folders import temporary_folder
 from physgen.report.record import source_of
 from physgen.simulate.trajectory import read_trajectory
 from physgen.tables import Cell
 
 MANIFEST = "manifest.json"
-SENDING = ".sending.json"
-"""Names of a remote clip's files while it is replaced: what a killed run left is known by it."""
-MAX_FETCHED_BYTES = 200_000_000
-"""Of a manifest or a trajectory."""
 
 
 @dataclass(frozen=True)
@@ -79,10 +69,10 @@ class Job:
     """One clip to make."""
 
     scene: str
-    """As the user names it: a path or a URL; of a local copy, its path."""
+    """Its path, as the user names it."""
     options: pipeline.RenderOptions = DEFAULT_OPTIONS
     out: str = "out"
-    """The folder of results, likewise."""
+    """The folder of results."""
     refiner: Refiner = DEFAULT_REFINER
     tracked: tuple[str, ...] | None = None
     """Objects with outcomes of their own; None: no outcomes are needed."""
@@ -96,18 +86,8 @@ class Job:
 
     @property
     def folder(self) -> Path:
-        """The clip's; of a remote one, only its name is meaningful. Raises InputError."""
+        """The clip's. Raises InputError."""
         return Path(self.out) / self.name
-
-    @property
-    def shown(self) -> str:
-        """The scene as messages name it."""
-        return self.options.origin.path if self.options.origin else self.scene
-
-    @property
-    def is_remote(self) -> bool:
-        """Whether the scene has to be fetched, or the clip to be sent."""
-        return is_url(self.scene) or is_url(self.out)
 
     @property
     def mark(self) -> str:
@@ -118,17 +98,6 @@ class Job:
             self.options, command=(), cached=True, device=device, allow_outside=False, draw_seed=draw_seed
         )
         return self.options.mark or clip_mark(options, self.refiner.identity())
-
-    def with_local(self, scene: str, out: str) -> Job:
-        """The job for a process that reads the scene from `scene` and makes the clip in `out`."""
-        if is_url(self.scene):
-            origin = pipeline.SceneOrigin(self.scene, self.scene)
-        elif is_url(self.out):
-            origin = pipeline.SceneOrigin(str(Path(self.scene)), os.path.abspath(self.scene))
-        else:
-            origin = pipeline.SceneOrigin(str(Path(self.scene)), source_of(Path(self.scene), self.folder))
-        options = replace(self.options, name=self.name, mark=self.mark, origin=self.options.origin or origin)
-        return replace(self, scene=scene, out=out, options=options, pictures=False)
 
 
 class State(Enum):
@@ -153,13 +122,6 @@ class Done:
     outcomes: Mapping[str, Cell] | None = None
     """See `batch.outcomes.outcomes`."""
 
-    @property
-    def where(self) -> str | None:
-        """The clip's folder as the user knows it."""
-        if self.folder is None:
-            return None
-        return url_below(self.job.out, self.folder.name) if is_url(self.job.out) else str(self.folder)
-
 
 def run_all(
     jobs: Iterable[Job], workers: int, watch: Callable[[Job], pipeline.Progress]
@@ -176,21 +138,24 @@ def run_all(
 
 def run(job: Job, progress: pipeline.Progress = pipeline.silent) -> Done:
     """Makes one clip in this process, unless it exists unchanged."""
-    done = run_remote(job, progress) if job.is_remote else _run_local(job, progress)
-    if done.folder is None or done.outcomes is not None:
+    done = _run(job, progress)
+    if done.folder is None or job.tracked is None:
         return done
-    return with_outcomes(done, done.folder / "trajectory.npz")
+    try:
+        trajectory = read_trajectory(done.folder / "trajectory.npz")
+        return replace(done, outcomes=outcomes(trajectory, job.tracked))
+    except (OSError, ValueError, KeyError) as error:  # another command replaces it
+        return failed(job, error, done.problems, done.seconds)
 
 
-def _run_local(job: Job, progress: pipeline.Progress) -> Done:
+def _run(job: Job, progress: pipeline.Progress) -> Done:
     begun = time.perf_counter()
     warnings: list[Problem] = []
     try:
         options = replace(job.options, name=job.name, mark=job.mark)
         if options.cached:
             manifest = unchanged_clip(job.folder, job.mark, pipeline.scene_file(job.scene), hash_of)
-            is_copy = options.origin is not None
-            if manifest and (is_copy or manifest["source"] == source_of(Path(job.scene), job.folder)):
+            if manifest and manifest["source"] == source_of(Path(job.scene), job.folder):
                 return Done(job, job.folder, tuple(recorded_warnings(manifest)), State.UNCHANGED)
         folder = pipeline.render_scene(
             job.scene,
@@ -227,23 +192,13 @@ def hash_of(file: Path) -> str:
     return _warm().hash(file)
 
 
-def with_outcomes(done: Done, trajectory: Path) -> Done:
-    """With the outcomes that the job asks for, if any."""
-    if done.job.tracked is None:
-        return done
-    try:
-        return replace(done, outcomes=outcomes(read_trajectory(trajectory), done.job.tracked))
-    except (OSError, ValueError, KeyError) as error:  # another command replaces it
-        return failed(done.job, error, done.problems, done.seconds)
-
-
 def failed(job: Job, error: Exception, warnings: Sequence[Problem] = (), seconds: float = 0.0) -> Done:
     """The result of a job that raised `error`."""
     if isinstance(error, InputError):
         problems: Sequence[Problem] = list(error.problems)
     else:
         found, fix = _describe_failure(error)
-        problems = list(InputError.of(job.shown, "", found, fix).problems)
+        problems = list(InputError.of(job.scene, "", found, fix).problems)
     disk_full = isinstance(error, OSError) and error.errno in NO_ROOM
     return Done(job, None, (*warnings, *problems), seconds=seconds, disk_full=disk_full)
 
@@ -272,7 +227,7 @@ def record_failure(done: Done, out: Path, gallery: bool) -> None:
     with suppress(InputError, OSError):
         if done.folder is not None:
             remove_failure(out, job.name)
-        elif gallery and (is_url(job.scene) or Path(job.scene).is_file()):  # neither a typo nor a pipe
+        elif gallery and Path(job.scene).is_file():  # neither a typo nor a pipe
             try:
                 text = Path(job.scene).read_text(encoding="utf-8")
             except (OSError, ValueError):
@@ -286,113 +241,3 @@ def record_failure(done: Done, out: Path, gallery: bool) -> None:
                 ),
                 page,
             )
-
-
-# Remote clips: an object store has no rename, so a clip's manifest is removed before its files change and written
-# after the last of them. A clip without manifest does not exist.
-
-
-def run_remote(job: Job, progress: pipeline.Progress = pipeline.silent) -> Done:
-    """Makes one clip, unless it exists, from a copy of its scene."""
-    try:
-        scene = local_copy(job.scene, job.options.overrides)
-        if not is_url(job.out):
-            return with_user_names(run(job.with_local(scene, job.out), progress), job)
-        remote = open_folder(job.out).below(job.name)
-        if unchanged := unchanged_remote(job, remote, scene):
-            return unchanged
-        with temporary_folder() as out:
-            done = with_user_names(run(job.with_local(scene, str(out)), progress), job, str(out))
-            send_clip(out / job.name, remote, done)
-            return done
-    except (InputError, OSError) as error:
-        return failed(job, error)
-
-
-def local_copy(path: str, overrides: Sequence[str] = ()) -> str:
-    """A path where a scene can be read: its own, or that of a fetched copy. Raises InputError or OSError."""
-    return str(fetch_scene(path, overrides)) if is_url(path) else path
-
-
-def with_user_names(done: Done, job: Job, out: str = "") -> Done:
-    """The result of a local copy of `job`, which was made in the folder `out`, in terms of the job."""
-
-    def renamed(text: str) -> str:
-        return text.replace(out, job.out) if out else text
-
-    problems = tuple(
-        replace(p, place=p.place._replace(file=renamed(p.place.file)), expected=renamed(p.expected))
-        for p in done.problems
-    )
-    folder = None if done.folder is None else job.folder
-    return replace(done, job=job, folder=folder, problems=problems)
-
-
-def unchanged_remote(job: Job, remote: RemoteFolder, scene: str) -> Done | None:
-    """The result for a remote clip that exists unchanged. Raises OSError where it cannot be reached.
-
-    Its files are compared by size, which is known without reading them.
-    """
-    manifest = _read_manifest(remote)
-    if not job.options.cached or manifest is None:
-        return None
-    try:
-        if not unchanged_inputs(manifest, job.mark, pipeline.scene_file(scene), hash_of):
-            return None
-        expected: Mapping[str, int] = manifest["sizes"]
-        files = remote.files()
-        sizes = {name: files[name] for name in files.keys() & expected.keys()}
-        if expected.keys() != manifest["files"].keys() or sizes != expected:
-            return None
-        done = Done(job, job.folder, tuple(recorded_warnings(manifest)), State.UNCHANGED)
-    except (ValueError, KeyError, TypeError, AttributeError):
-        return None
-    except OSError as error:
-        if error.filename is not None and is_url(str(error.filename)):
-            raise
-        return None  # an input that is gone
-    if job.tracked is None:
-        return done
-    with temporary_folder() as folder:
-        file = folder / "trajectory.npz"
-        remote.fetch(file.name, file, MAX_FETCHED_BYTES)
-        return with_outcomes(done, file)
-
-
-def _read_manifest(remote: RemoteFolder, name: str = MANIFEST) -> dict[str, Any] | None:
-    try:
-        manifest = json.loads(remote.read(name, MAX_FETCHED_BYTES) or b"")
-        return manifest if isinstance(manifest, dict) else None
-    except ValueError:
-        return None
-
-
-def is_refined(manifest: Mapping[str, Any] | None) -> bool:
-    """Whether a manifest is of a refined clip, which may have taken hours."""
-    return bool(manifest and manifest.get("refine") and manifest.get("frames"))
-
-
-def send_clip(folder: Path, remote: RemoteFolder, done: Done) -> None:
-    """Replaces a remote clip by a local one, if there is one; a failed one does not replace a refined clip.
-
-    Raises InputError where physgen did not write what is there, and OSError where it cannot be written.
-    """
-    old_manifest = _read_manifest(remote)
-    if not folder.is_dir() or (done.folder is None and is_refined(old_manifest)):
-        return
-    files = {path.relative_to(folder).as_posix(): path for path in folder.rglob("*") if path.is_file()}
-    manifest = files.pop(MANIFEST)
-    old = remote.files()
-    interrupted = _read_manifest(remote, SENDING) or {}
-    ours = {MANIFEST, SENDING, *(old_manifest or {}).get("files", ()), *interrupted.get("sending", ())}
-    if strange := sorted(old.keys() - ours):
-        found = ", ".join(strange[:3]) + (", ..." if len(strange) > 3 else "")
-        expected = f"would be replaced, and holds {found}, which physgen did not make"
-        raise InputError.of(remote.url, "", expected, "move it out, or choose another folder with -o")
-    names = sorted({*files, *(old.keys() - {MANIFEST, SENDING})})
-    remote.write(SENDING, json.dumps({"sending": names}).encode())
-    remote.remove([MANIFEST] if MANIFEST in old else [])
-    remote.send(files)
-    remote.remove([name for name in old if name not in (*files, MANIFEST, SENDING)])
-    remote.write(MANIFEST, manifest.read_bytes())
-    remote.remove([SENDING])

@@ -1,23 +1,19 @@
-"""The files of a sweep: sweep.json, rows of the table, and a local staging folder for remote output."""
+"""The files of a sweep: sweep.json, and rows of the table."""
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from physgen.batch.axes import Listed
-from physgen.batch.remote import RemoteFolder, is_url, open_folder, url_below
 from physgen.batch.run import Done
 from physgen.batch.sweep import Point, Sweep
 from physgen.batch.values import cell
 from physgen.files import back_up
 from physgen.problems import InputError, Place, Problem, Severity
-from physgen.report.folders import temporary_folder
 from physgen.report.record import file_hash, versions, write_json
 from physgen.report.sweep_keys import unit
 from physgen.simulate.trajectory import REST_DURATION, REST_SPEED, REST_TURN, START_TIME
@@ -25,8 +21,6 @@ from physgen.tables import Cell, Column, Kind
 
 SWEEP_FILE = "sweep.json"
 TABLES = ("sweep.csv", "sweep.parquet")
-MAX_FILE_BYTES = 1_000_000_000
-"""Of a `sweep.json` or a table that is fetched."""
 NOT_OURS = "is there already and was not made by physgen"
 NOT_OURS_FIX = "move it away, or choose another folder with -o"
 
@@ -63,18 +57,12 @@ def table_row(sweep: Sweep, point: Point, done: Done) -> dict[str, Cell]:
     return cells | {"state": "done"} | files | dict(done.outcomes or {})
 
 
-def sweep_record(sweep: Sweep, scene: str, scene_file: Path, out: str, **more: Any) -> dict[str, Any]:
-    """Content of `sweep.json`; `more` is added: overrides, formats, the command.
-
-    `scene` and `out` are as the user names them; `scene_file` is where the scene can be read.
-    """
-    source = os.path.abspath(scene) if is_url(out) and not is_url(scene) else scene
-    if not is_url(source) and not is_url(out):
-        source = Path(os.path.relpath(Path(scene).resolve(), Path(out).resolve())).as_posix()
+def sweep_record(sweep: Sweep, scene: str, out: str, **more: Any) -> dict[str, Any]:
+    """Content of `sweep.json`; `more` is added: overrides, formats, the command."""
     return {
         "sweep": 1,
-        "scene": source,
-        "sha256": file_hash(scene_file),
+        "scene": Path(os.path.relpath(Path(scene).resolve(), Path(out).resolve())).as_posix(),
+        "sha256": file_hash(Path(scene)),
         "clips": len(sweep),
         **_settings(sweep),
         **more,
@@ -108,65 +96,29 @@ def read_sweep_record(folder: Path) -> dict[str, Any] | None:
         return None
 
 
-@dataclass(frozen=True)
-class SweepFolder:
-    """The folder of a sweep's own files; `folder` stands for `remote` where the results are remote."""
+def begin(folder: Path, record: Mapping[str, Any], sweep: Sweep) -> list[Problem]:
+    """Writes `sweep.json` into the sweep's folder; returns warnings. Raises InputError and OSError.
 
-    out: str
-    """As the user names it."""
-    folder: Path
-    remote: RemoteFolder | None = None
-
-    def begin(self, record: Mapping[str, Any], sweep: Sweep) -> list[Problem]:
-        """Writes `sweep.json`; returns warnings. Raises InputError and OSError.
-
-        No file of the user is overwritten: a `sweep.json` or table that physgen did not write is refused, and the
-        tables of another sweep are kept as `NAME~`.
-        """
-        folder = self.folder
-        if folder.exists() and not folder.is_dir():
-            raise InputError.of("-o", f'"{folder}"', "is a file", "name a folder")
-        before = read_sweep_record(folder)
-        if before is None:
-            for name in (SWEEP_FILE, *TABLES):
-                if (folder / name).exists():
-                    raise InputError.of(str(folder / name), "", NOT_OURS, NOT_OURS_FIX)
-        warnings = []
-        kept: list[Path] = []
-        if before is not None and any(before.get(key) != value for key, value in _settings(sweep).items()):
-            for name in TABLES:
-                if self.remote is not None:
-                    self.remote.fetch(name, folder / name, MAX_FILE_BYTES)
-                back_up(folder / name, kept.append)
-        for path in kept:
-            found = f"{path.name.rpartition('~')[0]} is of another sweep; kept as {path.name}"
-            warnings.append(Problem(Place(self.out), "", "", found, "", Severity.WARNING))
-        folder.mkdir(parents=True, exist_ok=True)
-        write_json(folder / SWEEP_FILE, record)
-        self.send([folder / SWEEP_FILE, *kept])
-        if self.remote is not None:
-            self.remote.remove([path.name.rpartition("~")[0] for path in kept])
-        return warnings
-
-    def send(self, paths: Sequence[Path]) -> list[str]:
-        """Copies complete files of the folder to the remote one, if any; returns their names for the user."""
-        if self.remote is None:
-            return [str(path) for path in paths]
-        self.remote.send({path.name: path for path in paths})
-        return [url_below(self.remote.url, path.name) for path in paths]
-
-
-@contextmanager
-def sweep_folder(out: str) -> Iterator[SweepFolder]:
-    """For the duration of a sweep. Raises InputError where files that physgen did not write are there, or OSError."""
-    if not is_url(out):
-        yield SweepFolder(out, Path(out))
-        return
-    remote = open_folder(out)
-    existing = {SWEEP_FILE, *TABLES} & set(remote.top())
-    with temporary_folder() as folder:
-        if SWEEP_FILE in existing:
-            remote.fetch(SWEEP_FILE, folder / SWEEP_FILE, MAX_FILE_BYTES)
-        if existing and read_sweep_record(folder) is None:
-            raise InputError.of(url_below(out, min(existing)), "", NOT_OURS, NOT_OURS_FIX)
-        yield SweepFolder(out, folder, remote)
+    No file of the user is overwritten: a `sweep.json` or table that physgen did not write is refused, and the tables
+    of another sweep are kept as `NAME~`.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise InputError.of("-o", f'"{folder}"', "is a file", "name a folder")
+    before = read_sweep_record(folder)
+    if before is None:
+        for name in (SWEEP_FILE, *TABLES):
+            if (folder / name).exists():
+                raise InputError.of(str(folder / name), "", NOT_OURS, NOT_OURS_FIX)
+    kept: list[Path] = []
+    if before is not None and any(before.get(key) != value for key, value in _settings(sweep).items()):
+        for name in TABLES:
+            back_up(folder / name, kept.append)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_json(folder / SWEEP_FILE, record)
+    found = ((path.name.rpartition("~")[0], path.name) for path in kept)
+    return [
+        Problem(
+            Place(str(folder)), "", "", f"{name} is of another sweep; kept as {other}", "", Severity.WARNING
+        )
+        for name, other in found
+    ]

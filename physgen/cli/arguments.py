@@ -33,7 +33,7 @@ REMOVED = {
     "--save-answers": "--json has them",
     "--shard-size": "write --shard-clips",
     "--single-file": "render --single-file embeds a clip's video in its report",
-    "--ship": "share a folder, or name scenes and results by URL",
+    "--ship": "share a folder",
     "--si": "axes are in SI where the scene has a scale",
     "physics": "run python benchmarks/closed_forms.py in a checkout",
     "--watch": "run physgen edit, or entr: ls scene.yaml | entr physgen render scene.yaml --preview",
@@ -207,16 +207,6 @@ def of(key: Mapping[str, Any]) -> Callable[[str], float | int | str]:
         return text
 
     return read
-
-
-def place(text: str) -> str:
-    """A path or a URL; of a file: URL of this machine, its path."""
-    from physgen.batch.remote import plain
-
-    try:
-        return plain(text)
-    except InputError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def two_sides(text: str) -> tuple[int, int]:

@@ -6,13 +6,12 @@ import argparse
 import json
 from collections import Counter as Counts
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from contextlib import closing, nullcontext, suppress
+from contextlib import closing, suppress
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from physgen.batch.remote import is_private, is_url
 from physgen.cli.arguments import FORMATS, WRONG_INPUT, Parser, add_device, among, count, draws, labels, seed
 from physgen.cli.output import FAILED, OK, Bar, Counter, print_error, print_line
 from physgen.problems import InputError
@@ -43,7 +42,7 @@ def preview_edits(
 ) -> tuple[str, ...]:
     """Edits that make a clip with these `further` edits fast to draw: few frames, of the photo's size."""
     try:
-        opened = _opened(local_path(path, options), options.allow_outside)
+        opened = _opened(path, options.allow_outside)
         scene = opened.scene((*options.set, *further), variant)
     except InputError:  # reported when it is rendered
         return ()
@@ -74,7 +73,6 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
     from physgen.export.video import Format
     from physgen.pipeline import RenderOptions
 
-    check_places(options)
     page = pipeline.Page(options.report or ("none" if options.preview else "full"))
     if options.single_file and page is pipeline.Page.NONE:
         fix = f"leave out {'--report none' if options.report else '--preview'}"
@@ -111,15 +109,6 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
     return make
 
 
-def check_places(options: argparse.Namespace) -> None:
-    """Refuses flags that cannot work with the places of scenes and results."""
-    places = [options.output, *getattr(options, "scenes", [getattr(options, "scene", "")])]
-    if (options.jobs > 1 or options.cluster) and any(map(is_private, places)):
-        expected = "cannot be used, as memory:// is visible to one process only"
-        flag = "--cluster" if options.cluster else f"--jobs {options.jobs}"
-        raise InputError.of(flag, "", expected, "leave it out")
-
-
 def _refining(options: argparse.Namespace) -> tuple[Refiner, tuple[str, ...]]:
     """The backend that refines, and what the flags set in every scene."""
     from physgen import registry
@@ -143,19 +132,10 @@ def variants_of(path: str, options: argparse.Namespace) -> list[str | None]:
     from physgen import pipeline
 
     try:
-        known = pipeline.load(local_path(path, options), options.set, None, options.allow_outside).variants
+        known = pipeline.load(path, options.set, None, options.allow_outside).variants
     except InputError:  # reported when it is rendered
         return [None]
     return [None, *known]
-
-
-def local_path(path: str, options: argparse.Namespace) -> str:
-    """The path of a scene, or of a local copy where a URL is given."""
-    if not is_url(path):
-        return path
-    from physgen.batch.run import local_copy
-
-    return local_copy(path, options.set)
 
 
 def check_names(jobs: list[Job]) -> None:
@@ -198,8 +178,7 @@ class Tally:
         """Count one clip."""
         self.counts[done.state.name.lower()] += 1
         if done.folder is not None:
-            with suppress(OSError):  # a remote clip has no folder here
-                self.newest = max(self.newest, (done.folder / "manifest.json").stat().st_mtime)
+            self.newest = max(self.newest, (done.folder / "manifest.json").stat().st_mtime)
 
     def new_warnings(self, done: Done) -> Iterator[str]:
         """Problems of a clip that were not printed for another clip of the scene."""
@@ -230,14 +209,13 @@ def make_all(
     from physgen.batch.run import record_failure
     from physgen.report.folders import cleaned_up
 
-    out = None if is_url(options.output) else Path(options.output)
-    index = None if out is None else out / INDEX
-    gallery = gallery and index is not None and (count > 1 or index.exists())
+    out = Path(options.output)
+    index = out / INDEX
+    gallery = gallery and (count > 1 or index.exists())
     if gallery and count <= GALLERY_CLIPS:
         jobs = (replace(job, pictures=True) for job in jobs)
     tally, bar, counter = Tally(), Bar(), Counter(count if count > 1 else 0)
-    unfinished = nullcontext() if out is None else cleaned_up(out)
-    with unfinished, closing(_made(jobs, count, options, bar, counter)) as done_ones:
+    with cleaned_up(out), closing(_made(jobs, count, options, bar, counter)) as done_ones:
         for done in done_ones:
             bar.clear()
             if done.disk_full:  # every further clip would fail the same way
@@ -246,17 +224,16 @@ def make_all(
             tally.add(done)
             for line in tally.new_warnings(done):
                 counter.tell(line)
-            if out is not None:
-                record_failure(done, out, gallery)
+            record_failure(done, out, gallery)
             on_done(done)
             _print_done(done, options.json, counter)
             counter.step(tally.counts["failed"])
     counter.clear()
     files = finish()
     is_new = tally.counts["made"] or tally.counts["failed"]
-    if index is not None and gallery and not tally.disk_full and (is_new or _is_older(index, tally.newest)):
+    if gallery and not tally.disk_full and (is_new or _is_older(index, tally.newest)):
         _write_gallery(index, bar, tally)
-    shown = index if index is not None and count > 1 and index.exists() else None
+    shown = index if count > 1 and index.exists() else None
     return _sum_up(tally, count, shown, files, options)
 
 
@@ -273,7 +250,7 @@ def _made(
     if getattr(options, "cluster", None):
         from physgen.batch.cluster import run_on_cluster
 
-        return run_on_cluster(options.cluster, workers, jobs, counter.tell)
+        return run_on_cluster(options.cluster, jobs, counter.tell)
     from physgen.batch.run import run_all
 
     show = bar.show if count == 1 or bar.as_json else lambda stage, done, total: None
@@ -289,13 +266,13 @@ def _print_done(done: Done, as_json: bool, counter: Counter) -> None:
                 "scene": done.job.scene,
                 "variant": done.job.options.variant,
                 "state": done.state.value,
-                "folder": done.where,
+                "folder": None if done.folder is None else str(done.folder),
                 "seconds": round(done.seconds, 3),
                 "problems": [problem.as_dict() for problem in done.problems],
             }
             counter.line(json.dumps(line, ensure_ascii=False, default=str))
-    elif done.where is not None:
-        counter.line(done.where)
+    elif done.folder is not None:
+        counter.line(str(done.folder))
 
 
 def _write_gallery(index: Path, bar: Bar, tally: Tally) -> None:
@@ -342,28 +319,21 @@ def _sum_up(
     return WRONG_INPUT if failed else OK
 
 
-CLUSTERS = ("dask", "slurm", "dask-slurm")
 REPORTS = ("full", "plain", "none")
 
 
 def cluster(text: str) -> str:
-    """Any of CLUSTERS, or `dask=` and the address of its scheduler."""
-    kind, equals, where = text.partition("=")
-    if text in CLUSTERS:
+    """`dask=` and the address of a scheduler, or its file."""
+    kind, _, where = text.partition("=")
+    if kind == "dask" and (where.endswith(".json") or "://" in where.strip("/:")):
         return text
-    if kind == "dask" and equals and (where.endswith(".json") or "://" in where.strip("/:")):
-        return text
-    expected = "is not dask, dask=tcp://HOST:PORT, dask=FILE.json or slurm"
-    raise argparse.ArgumentTypeError(f"{text} {expected}")
+    raise argparse.ArgumentTypeError(f"{text} is not dask=tcp://HOST:PORT or dask=FILE.json")
 
 
 def add_clips(parser: Parser) -> None:
     """Adds the flags of commands that render clips."""
     parser.option("--jobs", "N", count, "scenes rendered at a time; default: 1", 1)
-    about = (
-        "render on a Dask cluster: dask, on this machine with --jobs workers; dask=tcp://HOST:8786, the one of a "
-        "scheduler (or dask=FILE.json, a scheduler file); slurm, --jobs workers as jobs of Slurm; see docs/clusters.md"
-    )
+    about = "render on a Dask cluster: dask=tcp://HOST:8786 or dask=FILE.json, its scheduler; see docs/clusters.md"
     parser.option("--cluster", "WHERE", cluster, about)
     parser.option("--format", "LIST", among(FORMATS), "any of mp4,gif,webp,png; default: mp4", ["mp4"])
     parser.flag("--chaos", "report how long the motion is predictable; see simulate")

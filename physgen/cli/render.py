@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from physgen.cli.arguments import Command, Parser, place
+from physgen.cli.arguments import Command, Parser
 from physgen.cli.clips import add_clips, add_overlays, check_names, jobs_of, make_all
 
 
@@ -15,8 +15,8 @@ def render(options: argparse.Namespace) -> int:
 
 
 def add(parser: Parser) -> None:
-    parser.add_argument("scenes", metavar="SCENE", nargs="+", type=place, help="a file, a pack, or a URL")
-    parser.option("-o --output", "DIR", place, "folder of the results, or its URL; default: out", "out")
+    parser.add_argument("scenes", metavar="SCENE", nargs="+", help="a file or a pack")
+    parser.option("-o --output", "DIR", str, "folder of the results; default: out", "out")
     add_clips(parser)
     add_overlays(parser)
 

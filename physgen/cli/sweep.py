@@ -7,13 +7,11 @@ import json
 import sys
 from collections import deque
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from physgen.batch.remote import is_url
-from physgen.cli.arguments import Command, Parser, names, number_of_clips, place, seed
-from physgen.cli.clips import add_clips, add_overlays, job_maker, local_path, make_all, preview_edits
+from physgen.cli.arguments import Command, Parser, names, number_of_clips, seed
+from physgen.cli.clips import add_clips, add_overlays, job_maker, make_all, preview_edits
 from physgen.cli.output import OK, print_error, print_line, print_problems
 from physgen.problems import InputError, Place, Problem
 from physgen.text import listed, nearest
@@ -36,8 +34,7 @@ def sweep(options: argparse.Namespace) -> int:
 
     _scene_first(options)
     design = Design.LATIN if options.latin else Design.INDEPENDENT
-    shown = options.scene if is_url(options.scene) else None
-    opened = Opened(scene_file(local_path(options.scene, options)), options.allow_outside, shown)
+    opened = Opened(scene_file(options.scene), options.allow_outside)
     variants = [None, *opened.variants] if options.variant == "all" else [options.variant]
     axes = _axes(opened, variants, options)
     plan = planned(axes, variants, options.samples, options.seed, design)
@@ -47,7 +44,7 @@ def sweep(options: argparse.Namespace) -> int:
 
 def _scene_first(options: argparse.Namespace) -> None:
     """Refuses `sweep KEY=VALUES scene.yaml`."""
-    if "=" in options.scene and not is_url(options.scene) and not Path(options.scene).exists():
+    if "=" in options.scene and not Path(options.scene).exists():
         fix = "the scene comes first: physgen sweep scene.yaml KEY=VALUES"
         raise InputError.of(options.scene, "", "is no scene file", fix)
 
@@ -96,7 +93,6 @@ def _made(plan: Sweep, objects: tuple[str, ...], options: argparse.Namespace) ->
     record = sweep_files.sweep_record(
         plan,
         options.scene,
-        Path(local_path(options.scene, options)),
         options.output,
         set=options.set,
         preview=options.preview,
@@ -104,12 +100,10 @@ def _made(plan: Sweep, objects: tuple[str, ...], options: argparse.Namespace) ->
         command=options.command_line,
         units={column.name: column.unit for column in table if column.unit},
     )
-    with ExitStack() as stack:
-        folder = stack.enter_context(sweep_files.sweep_folder(options.output))
-        print_problems(folder.begin(record, plan))
-        if not has_parquet():
-            print_error(HINT)
-        rows = stack.enter_context(Table(folder.folder / "sweep", table))
+    print_problems(sweep_files.begin(Path(options.output), record, plan))
+    if not has_parquet():
+        print_error(HINT)
+    with Table(Path(options.output, "sweep"), table) as rows:
         running: deque[Point] = deque()  # jobs end in the order in which they begin
 
         def jobs() -> Iterator[Job]:
@@ -121,7 +115,7 @@ def _made(plan: Sweep, objects: tuple[str, ...], options: argparse.Namespace) ->
                 yield make(options.scene, point.variant, point.overrides, point.name, tracked, preview)
 
         def finish() -> Sequence[str]:
-            made = folder.send(rows.publish()) if rows.count == len(plan) else ()
+            made = [str(path) for path in rows.publish()] if rows.count == len(plan) else ()
             if rows.lost is not None:
                 what = f"sweep.parquet could not be written: {rows.lost}; the table is CSV only"
                 print_error(f"{options.output}: {what}")
@@ -151,7 +145,7 @@ def _tracked(objects: tuple[str, ...], chosen: list[str] | None) -> tuple[str, .
 
 
 def add(parser: Parser) -> None:
-    parser.add_argument("scene", metavar="SCENE", type=place, help="a file, a pack, or a URL")
+    parser.add_argument("scene", metavar="SCENE", help="a file or a pack")
     about = (
         "start:end:count (count:log for a geometric series), YAML values separated by commas, or a distribution, "
         "quoted: ~uniform(a, b), ~loguniform(a, b), ~normal(mean, sd) or ~normal(mean, sd, low, high), "
@@ -167,8 +161,7 @@ def add(parser: Parser) -> None:
     parser.flag("--dry-run", "print the clips as CSV, or with --json as lines, and render nothing")
     about = "objects with outcomes of their own in the table; default: all, if there are at most 32"
     parser.option("--track", "NAMES", names, about)
-    about = "folder of the sweep, or its URL; default: out/<scene>-sweep"
-    parser.option("-o --output", "DIR", place, about)
+    parser.option("-o --output", "DIR", str, "folder of the sweep; default: out/<scene>-sweep")
     add_clips(parser)
     add_overlays(parser)
 

@@ -9,7 +9,7 @@
 from __future__ import annotations
 
 from physgen import notebook_display
-from physgen.pipeline.clip import Page, RenderOptions, SceneOrigin, output_name, render_scene
+from physgen.pipeline.clip import Page, RenderOptions, output_name, render_scene
 from physgen.pipeline.packs import scene_file
 from physgen.pipeline.perceiving import import_coco, import_physgen, perceive
 from physgen.pipeline.refining import Refiners
@@ -36,7 +36,6 @@ __all__ = [
     "Progress",
     "Refiners",
     "RenderOptions",
-    "SceneOrigin",
     "Stages",
     "Warn",
     "chaos",

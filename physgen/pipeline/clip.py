@@ -50,16 +50,6 @@ class Page(Enum):
 
 
 @dataclass(frozen=True)
-class SceneOrigin:
-    """Where a scene comes from, for the rendering of a copy."""
-
-    path: str
-    """Of the scene as the user names it: a path on another machine, or a URL."""
-    source: str
-    """Of the scene as the manifest names it; see `RunRecord.source`."""
-
-
-@dataclass(frozen=True)
 class RenderOptions:
     """What a caller can choose about one clip of a scene."""
 
@@ -90,8 +80,6 @@ class RenderOptions:
     """Formats of ground truth: written to `truth/`, or to the clip's folder where there is no video."""
     mark: str = ""
     """Identifies all options and the code in the manifest."""
-    origin: SceneOrigin | None = None
-    """Set where the scene's file is a copy."""
 
 
 Tap = Callable[["Iterator[Frame]"], "Iterator[Frame]"]
@@ -279,14 +267,13 @@ class _Run:
         from physgen.report.record import RunRecord, inputs, source_of
 
         self.options, self.progress, self._warn = options, progress, warn
-        variant, origin = options.variant, options.origin
+        variant = options.variant
         record = RunRecord(scene="", command=list(options.command) or ["physgen", "render", str(path)])
         record.overrides, record.variant, record.mark = list(options.overrides), variant, options.mark
         record.device = drawn_by(options.device)
         self.record, self._begun = record, time.time_ns()
         with record.stage("load"):
-            shown = origin.path if origin else None
-            scene = stages.load(path, options.overrides, variant, options.allow_outside, shown)
+            scene = stages.load(path, options.overrides, variant, options.allow_outside)
             scene = replace(scene, name=options.name or output_name(path, variant))
             maps = stages.maps(scene)
         self.scene, self._stamps = scene, maps.stamps
@@ -294,7 +281,7 @@ class _Run:
         record.scene, record.document = scene.name, scene.document
         record.seeds = {"refine": scene.refine.seed}
         record.inputs = inputs(scene, scene_file(path), stages.hash)
-        record.source = origin.source if origin else source_of(Path(path), self.final)
+        record.source = source_of(Path(path), self.final)
         record.video = {"size": list(scene.video_size), "fps": scene.render.fps}
         progress("compile", 0, 1)
         with record.stage("compile"):

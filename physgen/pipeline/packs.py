@@ -21,17 +21,17 @@ _UNPACKED: OrderedDict[tuple[str, Stamp], tuple[Path, Path]] = OrderedDict()
 _NUMBERS = count()
 
 
-def scene_file(path: str | Path, called: str | None = None) -> Path:
+def scene_file(path: str | Path) -> Path:
     """The path itself for a scene file; for a pack, the path of its unpacked scene file.
 
-    Messages name a pack `called`, or its path. Raises InputError for a zip that is no pack.
+    Messages name the pack. Raises InputError for a zip that is no pack.
     """
     path = Path(path)
     if not is_pack(path):
         return path
     from physgen.scene.unpack import read_pack, unpack_to
 
-    key, name = (os.path.abspath(path), file_stamp(path)), called or str(path)
+    key, name = (os.path.abspath(path), file_stamp(path)), str(path)
     if key not in _UNPACKED or not _UNPACKED[key][1].is_file():
         folder = process_folder() / f"pack-{next(_NUMBERS)}"
         _UNPACKED[key] = folder, unpack_to(read_pack(path), folder, name)

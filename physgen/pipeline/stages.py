@@ -284,25 +284,17 @@ class Stages:
         self._hashes: dict[Path, tuple[Stamp, str]] = {}
 
     def load(
-        self,
-        path: str | Path,
-        overrides: Sequence[str],
-        variant: str | None,
-        allow_outside: bool,
-        shown: str | None = None,
+        self, path: str | Path, overrides: Sequence[str], variant: str | None, allow_outside: bool
     ) -> Scene:
-        """See `load`; messages name the file, or the pack, as `shown`."""
+        """See `load`."""
         from physgen.scene.load import Opened
-        from physgen.scene.unpack import SUFFIX
 
-        packed = shown is not None and shown.endswith(SUFFIX)
-        name = str(scene_file(path, shown if packed else None))
-        shown = None if packed else shown
-        read = (os.getcwd(), name, allow_outside, shown)
-        opened = self._opened.of(read, lambda: Opened(name, allow_outside, shown))
+        name = str(scene_file(path))
+        read = (os.getcwd(), name, allow_outside)
+        opened = self._opened.of(read, lambda: Opened(name, allow_outside))
         if opened.stale():
             self._opened.forget(read)
-            opened = self._opened.of(read, lambda: Opened(name, allow_outside, shown))
+            opened = self._opened.of(read, lambda: Opened(name, allow_outside))
         return opened.scene(overrides, variant)
 
     def maps(self, scene: Scene) -> Maps:

@@ -131,13 +131,12 @@ def _base(
 
 
 def beside(name: str, written: str) -> str:
-    """What a path `written` in a file is called that is called `name`, a URL perhaps.
+    """What a path `written` in a file is called that is called `name`.
 
-    >>> beside("s3://films/pool/scene.yaml", "../base/scene.yaml")
-    's3://films/base/scene.yaml'
+    >>> beside("pool/scene.yaml", "../base/scene.yaml")
+    'base/scene.yaml'
     """
-    scheme, mark, rest = name.rpartition("://")
-    return scheme + mark + os.path.normpath(os.path.join(os.path.dirname(rest), written))
+    return os.path.normpath(os.path.join(os.path.dirname(name), written))
 
 
 def image_size(path: Path) -> tuple[int, int]:

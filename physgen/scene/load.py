@@ -34,20 +34,19 @@ MAX_EDITS = 20_000
 class Opened:
     """A scene file that was read and checked, for any number of its variants: an edit costs what it changes.
 
-    Parts that an edit does not change are not checked again. `shown` is its name in messages, if not its path. While
-    it is being edited, `text` is its future content, and `assets` the folder of its maps.
+    Parts that an edit does not change are not checked again. While it is being edited, `text` is its future content,
+    and `assets` the folder of its maps.
     """
 
     def __init__(
         self,
         path: str | os.PathLike[str],
         allow_outside: bool = False,
-        shown: str | None = None,
         text: str | None = None,
         assets: Path | None = None,
     ) -> None:
         self.file = Path(os.fspath(path))
-        name = shown or os.fspath(path)
+        name = os.fspath(path)
         self._source = Source(name, Path(os.path.abspath(self.file)).parent)
         self._stamps = {self.file: file_stamp(self.file)} if text is None else {}
         own = read_scene(self.file, name) if text is None else _draft(text, self._source)
