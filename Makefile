@@ -17,7 +17,6 @@ demo: .venv/.demo
 	$(BIN)/physgen render $(OUT)/perceived/billiards-perceived.yaml -o $(OUT) --set "objects.ball-1.velocity=[4200,-356]"
 	$(BIN)/physgen render $(OUT)/perceived/dominoes-perceived.yaml -o $(OUT) --set world.pixels_per_meter=1000 --set "forces=[{object: block-1, impulse: [1200, 0], at: [160, 262]}]"
 	$(BIN)/physgen render scenes/*/scene.yaml -o $(OUT) --jobs 2
-	$(BIN)/physgen render scenes/billiards/scene.yaml scenes/dominoes/scene.yaml -o $(OUT) --chaos
 	@echo
 	@echo "gallery: $(CURDIR)/$(OUT)/index.html"
 

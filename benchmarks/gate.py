@@ -400,7 +400,7 @@ def tasks(runner: Runner, quick: bool) -> Iterator[tuple[str, Callable[[], Value
         "commands/variants",
         lambda: scene_values(runner, "scenes/billiards/scene.yaml", 2, ("--variant", "no-nine")),
     )
-    yield "commands/chaos", lambda: json_values(runner, "simulate", cans, "--chaos", "--json")
+    yield "commands/simulate", lambda: json_values(runner, "simulate", cans, "--json")
     yield "commands/fan", lambda: fan_values(runner)
     yield "commands/sweep", lambda: sweep_values(runner)
     yield "commands/verify", lambda: verify_values(runner)

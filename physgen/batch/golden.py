@@ -293,7 +293,7 @@ class Verdict:
         if self.environment:
             lines.append(("since", few(self.environment, MAX_LISTED, "; ")))
         if self.motion is not None and not self.scene:
-            advice = "physgen simulate --chaos reports how long the motion is predictable, for until="
+            advice = "chaotic motion strays everywhere; until= compares the time before"
             lines.append(("chaos?", advice))
         return lines
 

@@ -84,7 +84,6 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
         allow_outside=options.allow_outside,
         formats=tuple(Format(name) for name in options.format),
         command=tuple(options.command_line),
-        chaos=options.chaos,
         draws=options.fan,
         draw_seed=options.fan_seed,
         device=options.device,
@@ -336,7 +335,6 @@ def add_clips(parser: Parser) -> None:
     about = "render on a Dask cluster: dask=tcp://HOST:8786 or dask=FILE.json, its scheduler; see docs/clusters.md"
     parser.option("--cluster", "WHERE", cluster, about)
     parser.option("--format", "LIST", among(FORMATS), "any of mp4,gif,webp,png; default: mp4", ["mp4"])
-    parser.flag("--chaos", "report how long the motion is predictable; see simulate")
     about = (
         "simulate N draws of the values that `from` marks as uncertain, and report which outcomes the photo decides; "
         "see docs/fan.md"

@@ -66,15 +66,6 @@ def simulate(options: argparse.Namespace) -> int:
     compiled = pipeline.compile(scene, maps)
     print_problems(pipeline.lint(scene, compiled, maps))
     bar = Bar()
-    if options.chaos:
-        found = pipeline.chaos(compiled.world, bar.show)
-        bar.clear()
-        if options.json:
-            print_json(found.as_dict())
-        else:
-            print("\n".join((*found.lines(), "", found.verdict())))
-        if options.output is None:
-            return OK
     trajectory = pipeline.simulate(compiled.world, options.rate, bar.show)
     bar.clear()
     if options.output is not None and not is_trajectory(options.output):
@@ -87,7 +78,7 @@ def simulate(options: argparse.Namespace) -> int:
             sys.stdout.write(text)
         else:
             write_atomic(options.output, text.encode("utf-8"))
-    elif options.json and not options.chaos:
+    elif options.json:
         sys.stdout.write(trajectory.as_json())
     return OK
 
@@ -120,11 +111,6 @@ def add_check(parser: Parser) -> None:
 def add_simulate(parser: Parser) -> None:
     parser.add_argument("scene", metavar="SCENE")
     parser.option("-o --output", "FILE", Path, "write here; .npz, .csv or .json; default: CSV on stdout")
-    about = (
-        "estimate how long the motion is predictable: simulate again with tiny displacements, half the step and other "
-        "iterations, and report when the runs differ by a pixel"
-    )
-    parser.flag("--chaos", about)
     parser.option("--rate", "HZ", positive, "samples per second; default: the video's")
     parser.flag("--json", "print everything as JSON")
     add_overlays(parser)

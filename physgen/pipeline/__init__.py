@@ -15,7 +15,6 @@ from physgen.pipeline.perceiving import import_coco, import_physgen, perceive
 from physgen.pipeline.refining import Refiners
 from physgen.pipeline.stages import (
     Stages,
-    chaos,
     compile,
     drawn_by,
     fan,
@@ -38,7 +37,6 @@ __all__ = [
     "RenderOptions",
     "Stages",
     "Warn",
-    "chaos",
     "compile",
     "drawn_by",
     "fan",

@@ -19,7 +19,7 @@ from physgen.export.video import Format
 from physgen.files import file_stamp
 from physgen.pipeline.packs import scene_file
 from physgen.pipeline.refining import Refiners, guidance_footage, refine_footage
-from physgen.pipeline.stages import Film, Keep, Stages, chaos, drawn_by, fan, lint, render
+from physgen.pipeline.stages import Film, Keep, Stages, drawn_by, fan, lint, render
 from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
 from physgen.progress import Progress, silent
 
@@ -64,8 +64,6 @@ class RenderOptions:
     """Of the video; none where it is empty."""
     command: tuple[str, ...] = ()
     """The command line, for the manifest."""
-    chaos: bool = False
-    """Whether neighbouring simulations are run, too, for the report."""
     draws: int = 0
     """Simulations with drawn values of what is uncertain."""
     draw_seed: int = 0
@@ -310,7 +308,7 @@ class _Run:
         return same and all(max(pair) < self._begun for pair in times)
 
     def analyse(self, trajectory: Trajectory) -> Draws | None:
-        """Check the energy balance; compare neighbouring runs and draw uncertain values where the options say so."""
+        """Check the energy balance; draw uncertain values where the options say so."""
         scene, record, options, world = self.scene, self.record, self.options, self.film.compiled.world
         record.samples, record.effort = trajectory.sample_hashes(), asdict(trajectory.effort)
         # a body's fall by a pixel is the least that counts: at rest, no energy flows
@@ -321,9 +319,6 @@ class _Run:
             found = f"misses {record.imbalance:.0%} of what flows"
             place = scene.place("world")
             self.warn(Problem(place, "world", "the energy balance", found, fix, Severity.WARNING))
-        if options.chaos:
-            with record.stage("chaos"):
-                record.chaos = chaos(world, self.progress).as_dict()
         if not options.draws:
             return None
         record.seeds["fan"] = options.draw_seed

@@ -123,7 +123,6 @@ def report_page(
         warnings=[str(warning["text"]) for warning in record.warnings],
         world=_world_facts(scene, world),
         engine=_engine(record),
-        chaos=_chaos(record),
         combine=world.combine.value,
         pairs=pair_table(world),
         perception=parts.perception,
@@ -217,21 +216,6 @@ def _engine(record: RunRecord) -> list[str]:
     lines.append(f"Contacts that close more slowly than {effort['still']:.3g} px/s do not bounce.")
     lines.append(f"Energy is conserved within {100 * record.imbalance:.2g} % of the energy that flows.")
     return lines
-
-
-def _chaos(record: RunRecord) -> dict[str, Any] | None:
-    """The chaos report as rows of a table; None where it was not requested."""
-    if record.chaos is None:
-        return None
-    rows = [
-        {
-            "name": name,
-            "parted": "stays" if found["parted_s"] is None else f"{found['parted_s']:.3f} s",
-            "runs": [f"{run['distance_px']:.2g}" for run in found["runs"]],
-        }
-        for name, found in record.chaos["objects"].items()
-    ]
-    return {"verdict": record.chaos["verdict"], "runs": record.chaos["runs"], "rows": rows}
 
 
 def _world_facts(scene: Scene, world: World) -> list[tuple[str, str, str]]:

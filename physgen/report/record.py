@@ -74,8 +74,6 @@ class RunRecord:
     """Relative error of the energy balance; see `Trajectory.imbalance`."""
     device: str = "cpu"
     """What drew the frames: the processor, or a GPU and its torch version."""
-    chaos: dict[str, Any] | None = None
-    """See `simulate.chaos.Chaos.as_dict`; None where it was not asked for."""
     fan: dict[str, Any] | None = None
     """What draws of the scene's doubts end in, see `pipeline.fanning`; None where it was not asked for."""
     refine: dict[str, Any] | None = None
@@ -114,7 +112,6 @@ class RunRecord:
             "seeds": self.seeds,
             "effort": self.effort,
             "energy_imbalance": self.imbalance,
-            "chaos": self.chaos,
             "fan": self.fan,
             "refine": self.refine,
             "warnings": self.warnings,
