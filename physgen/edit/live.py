@@ -18,13 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.compile import Compiled
-from physgen.compile.warnings import photo_differs
 from physgen.compile.world import World, appearance, photo_poses
 from physgen.edit.errors import impossible
 from physgen.maps import Percepts
 from physgen.pipeline.cache_keys import key, motion_key
 from physgen.pipeline.stages import Keep, Recent, Stages, lint, stage
-from physgen.problems import InputError, Problem, by_place
+from physgen.problems import InputError, Problem
 from physgen.render.stage import Stage
 from physgen.report.player import (
     fields,
@@ -346,7 +345,6 @@ class Live:
         self._known: Recent[CompiledScene] = Recent(8)
         self._motions: Recent[MotionStream] = Recent(MAX_MOTIONS)
         self._sights: Recent[CompiledScene] = Recent(4)
-        self._unlike: Recent[tuple[Problem, ...]] = Recent(4)
 
     def look(
         self, text: str, maps: Path | None = None, variant: str | None = None, *, motion_only: bool = False
@@ -447,13 +445,7 @@ class Live:
             return self._warm.maps(scene).percepts
 
     def _lints(self, known: CompiledScene) -> list[Problem]:
-        """Warnings; those about the photo are computed once for all texts with the same masks."""
-        scene, compiled = known.scene, known.compiled
-        found = self._unlike.of(
-            (known.key, compiled.shapes), lambda: tuple(photo_differs(scene, compiled, known.percepts))
-        )
-        of_photo = [replace(problem, place=scene.place("image")) for problem in found]
-        return by_place([*lint(scene, compiled), *of_photo])
+        return lint(known.scene, known.compiled)
 
     def _motion(self, known: CompiledScene, begun: float) -> tuple[MotionStream, Data]:
         world = known.compiled.world

@@ -1,4 +1,4 @@
-"""Convex pieces of regions, convex hulls, and the penetration depth of two outlines.
+"""Convex pieces of regions, convex hulls, and the overlap of two outlines.
 
 Regions are cut into ear-cut triangles, which are merged across their longest edges (Hertel and Mehlhorn 1983).
 """
@@ -14,7 +14,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from physgen.geometry.polygon import Array, Disc, Outline, Region, Ring, bounds, cross, polygon_moments
+from physgen.geometry.polygon import Array, Disc, Outline, Region, Ring, cross, polygon_moments
 
 SLIVER = 1e-3
 """px²: smaller pieces are left out; an engine makes nothing of them."""
@@ -35,7 +35,9 @@ class PieceTuning:
     flat: float = 1e-9
     """px²: a corner this flat is straight."""
     rounding: float = 1e-9
-    """px: less is none."""
+    """px²: a smaller overlap is none."""
+    corners: int = 64
+    """Of a quarter of a circle as a polygon."""
 
 
 PIECES = PieceTuning()
@@ -81,7 +83,7 @@ def _as_one(a: Array, b: Array) -> Array | None:
     whole = hull(points)
     start, along = whole, np.roll(whole, -1, axis=0) - whole
     inside = cross(along[:, None], points[None] - start[:, None]) / np.hypot(*along.T)[:, None]
-    gap = min(_apart(a, b), _apart(b, a))
+    gap = shapely.Polygon(a).distance(shapely.Polygon(b))
     longest = float(np.hypot(*np.minimum(np.ptp(a, axis=0), np.ptp(b, axis=0))))
     added = _area(whole) - _area(a) - _area(b)
     if (
@@ -110,14 +112,6 @@ def hull(points: Array) -> Array:
         return kept[:-1]
 
     return points[chain(order) + chain(order[::-1])]
-
-
-def _apart(points: Array, outline: Array) -> float:
-    """Least distance of points from a polygon's edges, px."""
-    start, along = outline[:, None], (np.roll(outline, -1, axis=0) - outline)[:, None]
-    off = points[None] - start
-    part = np.clip((off * along).sum(axis=2) / (along**2).sum(axis=2), 0, 1)
-    return float(np.hypot(*np.moveaxis(off - part[..., None] * along, 2, 0)).min())
 
 
 def _ring_pieces(ring: Ring) -> list[Array]:
@@ -199,80 +193,18 @@ def _merge(points: Array, faces: list[list[int]]) -> list[list[int]]:
     return [face for face in faces if face]
 
 
+def outline_shape(outline: Outline) -> shapely.Geometry:
+    """The outline as shapely's polygons; a circle as one of many corners."""
+    if isinstance(outline, Disc):
+        return shapely.Point(outline.center).buffer(outline.radius, quad_segs=PIECES.corners)
+    return shapely.union_all([shapely.Polygon(ring.outer, ring.holes).buffer(0) for ring in outline.rings])
+
+
 def overlap_depth(a: Outline, b: Outline) -> float:
-    """Penetration px of two outlines, 0 when they are apart or touch.
+    """Overlap px of two outlines: the diameter of the largest circle in what they share; 0 where they only touch.
 
-    Exact for two discs and for convex outlines (separating axes); else the deepest pair of convex pieces.
+    Of circles, and of sides that are longer than they overlap, it is the penetration depth.
     """
-    if not _boxes_meet(bounds(a), bounds(b)):
-        return 0.0
-    if isinstance(a, Disc) and isinstance(b, Disc):
-        depth = a.radius + b.radius - float(np.hypot(*(a.center - b.center)))
-        return depth if depth > PIECES.rounding else 0.0
-    deepest = 0.0
-    mine, others = _parts(a), _parts(b)
-    boxes = [_box(part) for part in others]
-    for part in mine:
-        box = _box(part)
-        for other, other_box in zip(others, boxes, strict=True):
-            if _boxes_meet(box, other_box):
-                deepest = max(deepest, _depth(part, other))
-    return deepest if deepest > PIECES.rounding else 0.0
-
-
-def _parts(outline: Outline) -> list[Disc | Array]:
-    return [outline] if isinstance(outline, Disc) else list(convex_pieces(outline))
-
-
-def _box(part: Disc | Array) -> tuple[float, float, float, float]:
-    if isinstance(part, Disc):
-        return bounds(part)
-    (x0, y0), (x1, y1) = part.min(axis=0).tolist(), part.max(axis=0).tolist()
-    return x0, y0, x1, y1
-
-
-def _boxes_meet(a: tuple[float, float, float, float], b: tuple[float, float, float, float]) -> bool:
-    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
-
-
-def _depth(a: Disc | Array, b: Disc | Array) -> float:
-    """Least overlap of the two shadows over all axes that could part them; negative when apart."""
-    axes = np.concatenate([_axes(a, b), _axes(b, a)])
-    (low_a, high_a), (low_b, high_b) = _shadow(a, axes), _shadow(b, axes)
-    return float(np.minimum(high_a - low_b, high_b - low_a).min())
-
-
-def _axes(part: Disc | Array, other: Disc | Array) -> Array:
-    """Unit axes `(m, 2)`: a polygon's normals, or from a disc's centre to the other's corners."""
-    if isinstance(part, Disc):
-        along = (other.center[None] if isinstance(other, Disc) else other) - part.center
-    else:
-        sides = np.roll(part, -1, axis=0) - part
-        along = np.column_stack([sides[:, 1], -sides[:, 0]])
-    length = np.hypot(*along.T)
-    axes: Array = along[length > 0] / length[length > 0, None]
-    return axes
-
-
-def _shadow(part: Disc | Array, axes: Array) -> tuple[Array, Array]:
-    if isinstance(part, Disc):
-        middle = axes @ part.center
-        return middle - part.radius, middle + part.radius
-    reach = axes @ part.T
-    return reach.min(axis=1), reach.max(axis=1)
-
-
-def distance_beyond_hull(outline: Outline, points: Array) -> Array:
-    """(P,) px by which points (P, 2) lie outside the outline's convex hull, 0 inside."""
-    if isinstance(outline, Disc):
-        return np.asarray(np.maximum(np.hypot(*(points - outline.center).T) - outline.radius, 0.0))
-    whole = shapely.MultiPoint(np.concatenate([ring.outer for ring in outline.rings])).convex_hull
-    return np.asarray(shapely.distance(shapely.points(points), whole))
-
-
-def distance_to_outline(outline: Outline, point: Array) -> float:
-    """How far a point (2,) lies outside an outline, px; 0 within."""
-    if isinstance(outline, Disc):
-        return max(0.0, float(np.hypot(*(point - outline.center))) - outline.radius)
-    rings = [shapely.Polygon(ring.outer, ring.holes) for ring in outline.rings]
-    return float(shapely.distance(shapely.Point(point), rings).min())
+    shared = shapely.get_parts(outline_shape(a).intersection(outline_shape(b)))
+    circles = [shapely.maximum_inscribed_circle(part) for part in shared if part.area > PIECES.rounding]
+    return 2 * max((circle.length for circle in circles), default=0.0)
