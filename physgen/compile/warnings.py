@@ -141,13 +141,15 @@ def _overlaps(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
                 if depth > LIMITS.overlap:
                     yield warning(scene, path, item.name, f"overlaps {other} by {depth:.1f} px at t = 0", fix)
         for wall in compiled.world.walls if item.motion is Motion.DYNAMIC else ():
-            depth = max((_sunk(shapes[i], shapely.LineString(chain)) for chain in wall.chains), default=0.0)
+            depth = max(
+                (depth_across(shapes[i], shapely.LineString(chain)) for chain in wall.chains), default=0.0
+            )
             if depth > LIMITS.overlap:
                 expected = f"reaches {depth:.1f} px across boundary {wall.name} at t = 0"
                 yield warning(scene, path, item.name, expected, "move the boundary or the object")
 
 
-def _sunk(shape: shapely.Geometry, wall: shapely.LineString) -> float:
+def depth_across(shape: shapely.Geometry, wall: shapely.LineString) -> float:
     """How far a shape reaches across a wall, px: the greatest distance of the wall within it from its border."""
     inside = shape.intersection(wall)
     if inside.length == 0:

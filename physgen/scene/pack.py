@@ -16,7 +16,16 @@ from physgen.scene.document import MAX_BYTES, Node, Source, children
 from physgen.scene.files import MAPS, beside, read_scene, with_bases
 from physgen.scene.load import load, scene_name
 from physgen.scene.overlay import apply, edit_of_flag, edits_of_variant, variants_of
-from physgen.scene.unpack import CONTENTS, MAX_FILES, MAX_PICTURE, MAX_TOTAL, VERSION, clash_of, fault_of
+from physgen.scene.unpack import (
+    CLASH,
+    CONTENTS,
+    MAX_FILES,
+    MAX_PICTURE,
+    MAX_TOTAL,
+    VERSION,
+    clash_of,
+    fault_of,
+)
 from physgen.text import shown
 
 EPOCH = (1980, 1, 1, 0, 0, 0)
@@ -97,7 +106,7 @@ def _written(file: Path, scene: str, scenes: dict[str, Path], files: dict[str, P
     """The bytes of the pack: the scene first, then what it extends, then pictures."""
     members = [scene, *sorted(scenes.keys() - {scene}), *sorted(files)]
     if (clash := clash_of(members)) is not None:
-        raise InputError.of(str(file), clash[0], clash[1], "rename one of the two")
+        raise InputError.of(str(file), clash, CLASH, "rename one of the two")
     if len(members) > MAX_FILES:
         found = f"{len(members):,} files"
         raise InputError.of(str(file), found, f"are over the {MAX_FILES:,} of a pack", "pack fewer variants")

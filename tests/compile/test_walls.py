@@ -7,10 +7,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import shapely
 from pytest import approx
+from shapely.affinity import translate
 
 from physgen import pipeline
-from physgen.compile.warnings import WallSegments
+from physgen.compile.warnings import depth_across
+from physgen.geometry.convex import outline_shape
 from physgen.geometry.polygon import polygon_moments
 
 HEIGHT, WIDTH = 150, 200
@@ -69,9 +72,9 @@ def test_what_stands_on_a_mask_touches_it(tmp_path: Path, shape: str) -> None:
     c = compiled(tmp_path, "objects: {a: {mask: 1}}\nboundaries: {hill: {mask: 7}}")
     body = c.world.bodies[0]
     assert (body.radius is not None) == (shape == "ball")
-    lines = WallSegments(c.world.walls)
-    assert lines.across(body).get(0, 0.0) < 0.01
-    assert lines.across(body, np.array([0.0, 0.3]))[0] > 0.2  # it is in contact, not above
+    outline, line = outline_shape(c.outlines[0]), shapely.LineString(c.world.walls[0].chains[0])
+    assert depth_across(outline, line) < 0.01
+    assert depth_across(translate(outline, 0, 0.3), line) > 0.2  # it is in contact, not above
 
 
 def test_masks_written_out(tmp_path: Path) -> None:
