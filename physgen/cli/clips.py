@@ -318,7 +318,7 @@ def _sum_up(
     return WRONG_INPUT if failed else OK
 
 
-REPORTS = ("full", "plain", "none")
+REPORTS = ("full", "none")
 
 
 def cluster(text: str) -> str:
@@ -345,7 +345,7 @@ def add_clips(parser: Parser) -> None:
     about = "refine the clip by a video diffusion model: animatediff, wan, cogvideox, or none; see physgen backends"
     parser.option("--refine", "NAME[:WEIGHTS]", str, about)
     parser.option("--config", "FILE", Path, "read this in place of physgen.toml")
-    about = "full (the default); plain: without player, charts and perceived maps, faster; none"
+    about = "full (the default), or none"
     parser.add_argument("--report", choices=REPORTS, help=about)
     about = "ground truth beside the clip, in truth/: any of the formats of physgen export"
     parser.option("--export", "LIST", labels, about, ())

@@ -39,14 +39,10 @@ if TYPE_CHECKING:
 
 
 class Page(Enum):
-    """How much `report.html` holds."""
+    """Whether `report.html` is written."""
 
     FULL = "full"
-    """With the player, the charts and what was perceived."""
-    PLAIN = "plain"
-    """Pictures and tables: half the time of a short clip is saved."""
     NONE = "none"
-    """No page is written."""
 
 
 @dataclass(frozen=True)
@@ -288,8 +284,8 @@ class _Run:
         for problem in warnings:
             self.warn(problem)
         with record.stage("report"):
-            full = options.page is Page.FULL
-            self.perceived = perception(scene, compiled, maps.percepts) if full else None
+            shown = options.page is not Page.NONE
+            self.perceived = perception(scene, compiled, maps.percepts) if shown else None
         self.film = Film(scene, compiled, maps, record, stages, options.device)
         self.labels = Labels.of(options.export, scene, maps.percepts)
         if options.export and not options.formats:
@@ -398,9 +394,7 @@ class _Run:
             shown = linked_film(folder, made)
         if scene.render.overlay or not shot.opens_on_photo:  # the page draws on the photo itself
             first = next(render(film.stage, trajectory)).rgb
-        player = None
-        if self.options.page is Page.FULL:
-            player = player_data(scene, world, trajectory, film.stage, shot, film.sampled)
+        player = player_data(scene, world, trajectory, film.stage, shot, film.sampled)
         section = None if draws is None else draws.section(world)
         text = scene_text(scene.document)
         parts = PageParts(player, self.perceived, changed, section)

@@ -6,17 +6,13 @@ creates only new ones. All text from outside is escaped.
 
 from __future__ import annotations
 
-import csv
-import json
 import os
 import re
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from itertools import islice
-from math import isfinite
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote, unquote
@@ -35,23 +31,14 @@ Progress = Callable[[str, int, int], None]
 
 KINDS = {".mp4": "video/mp4", ".webp": "image/webp", ".gif": "image/gif"}
 """Films that a page can play."""
-TABLE, ASKED = "sweep.csv", "sweep.json"
-"""Table of a sweep's outcomes beside its clips, and its request with the units."""
-BEFORE_OUTCOMES, AFTER_OUTCOMES = "error", "video"
-"""Columns of the table around the outcomes."""
 
 
 @dataclass(frozen=True)
 class GalleryLimits:
-    """What the page shows, and what is read of tables, at most."""
+    """What the page shows."""
 
-    most_outcomes: int = 64
-    most_rows: int = 1_000_000
-    """Columns and rows of a table that are read."""
     most_choices: int = 8
     """Values of a key that are offered one by one; more become a range."""
-    bars: int = 16
-    """Of a range's histogram."""
 
 
 LIMITS = GalleryLimits()
@@ -116,24 +103,19 @@ def keep_pictures(home: Path, index: Path) -> None:
 
 def gallery_page(clips: Sequence[Clip], shots: Sequence[str], home: Path, title: str) -> str:
     """The HTML; paths are relative to `home`."""
-    keys, outcomes = swept_keys(clips), sweep_outcomes(clips)
+    keys = swept_keys(clips)
     names = Counter(clip.name for clip in clips)
     cards = []
     for k, (clip, shot) in enumerate(zip(clips, shots, strict=True)):
         values = [key.values[k] for key in keys]
         card = _card(k, clip, shot, keys, values, home)
         card["where"] = card["data"]["where"] = _folder(clip, home) if names[clip.name] > 1 else ""
-        if outcomes:
-            card["data"]["became"] = [
-                None if one.values[k] is None else float(f"{one.values[k]:.6g}") for one in outcomes
-            ]
         cards.append(card)
     labels = Counter(label for clip in clips for label in clip.labels)
     free = [key for key in keys if not key.follows]
     data = {
         "clips": [card.pop("data") for card in cards],
         "keys": [_axis(key) for key in keys],
-        "became": [{"path": f"={one.column}", "name": one.name, "unit": one.unit} for one in outcomes],
         # a sweep over two keys is shown as a table of both
         "grid": len(clips) > 3 and len(free) == 2 and all(None not in key.values for key in free),
     }
@@ -287,18 +269,13 @@ def _axis(key: SweptKey) -> dict[str, Any]:
 
 
 def _filter(key: SweptKey) -> dict[str, Any]:
-    """A key as a filter: its values with the number of clips, or a range with a histogram."""
+    """A key as a filter: its values with the number of clips, or a range."""
     have = [value for value in key.values if value is not None]
     values = _sorted_values(key)
     found: dict[str, Any] = {"path": key.path, "name": key.name, "unit": key.unit, "range": None}
     if key.numeric and len(values) > LIMITS.most_choices:
-        low, high = float(values[0]), float(values[-1])
-        counts = Counter(
-            min(int(LIMITS.bars * (float(value) - low) / (high - low)), LIMITS.bars - 1) for value in have
-        )
-        bars = [round(100 * counts[k] / max(counts.values())) for k in range(LIMITS.bars)]
-        found |= {"range": [format_value(low), format_value(high)], "last": len(values) - 1, "bars": bars}
-        return found
+        ends = [format_value(values[0]), format_value(values[-1])]
+        return found | {"range": ends, "last": len(values) - 1}
     counted = Counter(map(format_value, have))
     return found | {"values": [(text, counted[text]) for text in dict.fromkeys(map(format_value, values))]}
 
@@ -310,69 +287,3 @@ def _aspect(clips: Sequence[Clip]) -> str:
         return "4 / 3"
     wide, high = next(iter(sizes))
     return f"{wide} / {high}" if 0.5 <= wide / high <= 2.5 else "4 / 3"
-
-
-@dataclass(frozen=True)
-class SweepOutcome:
-    """A column of the sweep's table, by which a gallery sorts."""
-
-    column: str
-    """`objects.ball.rest_time`."""
-    name: str
-    """`ball rest time`."""
-    unit: str
-    values: tuple[float | None, ...]
-    """One per clip; None where it has none."""
-
-
-def sweep_outcomes(clips: Sequence[Clip]) -> list[SweepOutcome]:
-    """Outcomes that differ between clips, from the tables beside their folders."""
-    places: dict[Path, dict[str, int]] = {}
-    for k, clip in enumerate(clips):
-        places.setdefault(clip.home.parent, {})[clip.home.name] = k
-    found: dict[str, tuple[str, list[float | None]]] = {}
-    for folder, numbers in places.items():
-        units = _units(folder / ASKED)
-        for name, cells in _table_rows(folder / TABLE):
-            if name in numbers:
-                for column, value in cells.items():
-                    if column in found or len(found) < LIMITS.most_outcomes:
-                        _, values = found.setdefault(column, (units.get(column, ""), [None] * len(clips)))
-                        values[numbers[name]] = value
-    return [
-        SweepOutcome(column, _outcome_name(column), unit, tuple(values))
-        for column, (unit, values) in found.items()
-        if len({value for value in values if value is not None}) > 1
-    ]
-
-
-def _table_rows(table: Path) -> list[tuple[str, Mapping[str, float]]]:
-    """Folder name and outcomes of each clip; nothing where the table is not ours or cannot be read."""
-    try:
-        with table.open(encoding="utf-8", newline="") as file:
-            lines = csv.DictReader(file)
-            heading = list(lines.fieldnames or [])
-            columns = heading[heading.index(BEFORE_OUTCOMES) + 1 : heading.index(AFTER_OUTCOMES)]
-            return [
-                (line["folder"], {c: float(line[c]) for c in columns if line[c] and isfinite(float(line[c]))})
-                for line in islice(lines, LIMITS.most_rows)
-            ]
-    except (OSError, ValueError, KeyError, TypeError, csv.Error):
-        return []
-
-
-def _units(asked: Path) -> dict[str, str]:
-    try:
-        return {str(name): str(unit) for name, unit in json.loads(asked.read_bytes())["units"].items()}
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        return {}
-
-
-def _outcome_name(column: str) -> str:
-    """For people.
-
-    >>> _outcome_name("objects.ball-1.angle_degrees"), _outcome_name("peak_speed")
-    ('ball-1 angle', 'peak speed')
-    """
-    owner, _, what = column.removeprefix("objects.").rpartition(".")
-    return f"{owner} {what.removesuffix('_degrees').replace('_', ' ')}".strip()

@@ -1,11 +1,10 @@
-"""The report section on uncertain numbers: paths and final places of all draws, shares and tables."""
+"""The report section on uncertain numbers: paths and shares and outcomes of all draws."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import degrees
 from typing import Any
 
 import cv2
@@ -14,7 +13,6 @@ from numpy.typing import NDArray
 
 from physgen.compile.world import World
 from physgen.report.html import fitted, jpeg
-from physgen.simulate.uncertain_values import UncertainValue
 from physgen.simulate.uncertainty import VERBS, Ensemble, Fate, Verdict, headline, percent
 
 Array = NDArray[np.float64]
@@ -30,16 +28,13 @@ class SectionLimits:
     """px of the photo below the paths, and of its JPEG."""
     most_draws: int = 64
     most_points: int = 100_000
-    most_ends: int = 1500
-    """Draws whose paths are drawn, points of all paths, and outlines at the end; further draws are left out."""
+    """Draws whose paths are drawn, and points of all paths; further draws are left out."""
     most_groups: int = 24
     """Groups of objects with sentences; the tables have all."""
     path_error: float = 0.25
     """px of a canvas 640 px wide by which a drawn path may deviate."""
     visible: float = 0.01
     """Of the canvas's longer side: shorter paths are not drawn."""
-    z90: float = 1.6448536269514722
-    """Of the normal distribution: 9 of 10 draws are within."""
 
 
 LIMITS = SectionLimits()
@@ -52,15 +47,15 @@ UncertaintySection = dict[str, Any]
 def uncertainty_section(fan: Ensemble, found: Sequence[Verdict], world: World) -> UncertaintySection:
     """`found` are the ensemble's verdicts.
 
-    `ways` are paths of bodies in draws, `ends` their final outlines, `own` the paths in the clip, `groups` bodies
-    with equal sentences, `alike` those with a certain outcome, `rows` and `drawn` the tables.
+    `ways` are paths of bodies in draws, `own` those in the clip, `groups` bodies with equal sentences, `alike` those
+    with a certain outcome, `rows` the table.
     """
     shown = fan.whole[
         : max(2, min(LIMITS.most_draws, LIMITS.most_points // (len(fan.times) * max(len(fan.names), 1))))
     ]
-    ways, ends = _paths(fan, shown, world), _ends(fan, shown)
+    ways = _paths(fan, shown, world)
     groups, alike = _groups(found)
-    fates = {way["fate"] for way in ways} | {part["fate"] for one in groups for part in one["bar"]["parts"]}
+    fates = {way["fate"] for way in ways}
     marks = []
     for one in groups:
         for name in one["names"]:
@@ -70,21 +65,14 @@ def uncertainty_section(fan: Ensemble, found: Sequence[Verdict], world: World) -
         "headline": headline(fan, found),
         "facts": _facts(fan),
         "ways": ways,
-        "ends": ends,
-        "outlines": [
-            {"id": b, "d": " ".join(_path_data(ring) + "Z" for ring in world.bodies[b].rings)}
-            for b in sorted({end["body"] for end in ends})
-        ],
         "own": [d for b in range(len(fan.names)) if (d := _path(fan.own_poses[:, b, :2], world))],
         "marks": marks,
         "faint": round(float(np.clip(2.4 / np.sqrt(max(len(shown), 1)), 0.28, 0.85)), 2),
-        "fill": round(min(0.5 / max(len(shown), 1), 0.1), 3),
         "shown": len(shown),
         "fates": [(f.name.lower(), VERBS[f]) for f in sorted(Fate, reverse=True) if f.name.lower() in fates],
         "groups": groups,
         "alike": alike,
         "rows": [_row(verdict) for verdict in found],
-        "drawn": [_distribution(doubt) for doubt in fan.doubts],
         "failures": [str(problem) for problem in fan.failures],
     }
 
@@ -118,21 +106,6 @@ def _paths(fan: Ensemble, shown: Sequence[int], world: World) -> list[dict[str, 
     return sorted(found, key=lambda way: -count[way["fate"]])
 
 
-def _ends(fan: Ensemble, shown: Sequence[int]) -> list[dict[str, Any]]:
-    """Final poses of bodies that move or fall."""
-    fates = np.array([one.fates for k in shown if (one := fan.outcomes[k]) is not None])
-    moved = np.flatnonzero((fates != Fate.STAYS).any(axis=0)).tolist() if len(fates) else []
-    found = []
-    for n, k in enumerate(shown[: max(1, LIMITS.most_ends // max(len(moved), 1))]):
-        for b in moved:
-            x, y, angle = fan.poses[k, -1, b].tolist()
-            fate = Fate(int(fates[n, b]))
-            if fate in (Fate.MOVES, Fate.FALLS):
-                end = {"x": f"{x:.1f}", "y": f"{y:.1f}", "turn": f"{degrees(angle) % 360:.1f}"}
-                found.append({"fate": fate.name.lower(), "body": b, **end})
-    return found
-
-
 def _path(points: Array, world: World) -> str:
     """Path data with no more corners than are visible; empty where the body hardly moves."""
     if np.hypot(*np.ptp(points, axis=0)) < LIMITS.visible * max(world.size):
@@ -158,7 +131,7 @@ def _groups(found: Sequence[Verdict]) -> tuple[list[dict[str, Any]], list[tuple[
     for v in apart:
         same.setdefault(tuple(v.sentences()), []).append(v)
     found_groups: list[dict[str, Any]] = [
-        {"number": n, "names": [v.name for v in found if v in those], "bar": _bar(those[0]), "lines": lines}
+        {"number": n, "names": [v.name for v in found if v in those], "lines": lines}
         for n, (lines, those) in enumerate(list(same.items())[: LIMITS.most_groups], 1)
     ]
     alike: list[tuple[str, Sequence[str]]] = []
@@ -171,26 +144,6 @@ def _groups(found: Sequence[Verdict]) -> tuple[list[dict[str, Any]], list[tuple[
     return found_groups, alike
 
 
-def _bar(v: Verdict) -> dict[str, Any]:
-    """Shares of fates as parts of a bar, with the interval of the counted one."""
-    order = sorted((fate for fate in Fate if v.counts[fate]), key=lambda fate: -fate)
-    parts = [
-        {
-            "fate": fate.name.lower(),
-            "width": f"{100 * v.counts[fate] / v.total:.2f}",
-        }
-        for fate in order
-    ]
-    low, high = v.interval
-    words = ", ".join(f"{VERBS[fate]} in {v.counts[fate]} of {v.total}" for fate in order)
-    return {
-        "parts": parts,
-        "from": None if v.decided else f"{100 * low:.2f}",
-        "wide": f"{100 * (high - low):.2f}",
-        "words": words,
-    }
-
-
 def _row(v: Verdict) -> dict[str, Any]:
     return {
         "name": v.name,
@@ -200,14 +153,4 @@ def _row(v: Verdict) -> dict[str, Any]:
         "radius": f"{v.radius:.3g}",
         "size": f"{v.size:.3g}",
         "clip": VERBS[v.own],
-    }
-
-
-def _distribution(doubt: UncertainValue) -> dict[str, Any]:
-    return {
-        "path": doubt.path,
-        "value": f"{doubt.value:.4g}",
-        "source": doubt.source,
-        "low": f"{doubt.spread.at(-LIMITS.z90):.3g}",
-        "high": f"{doubt.spread.at(LIMITS.z90):.3g}",
     }

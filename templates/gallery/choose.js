@@ -5,11 +5,10 @@ const textOf = n => (texts[n] ??= plain([clips[n].name, clips[n].variant ?? "", 
 const textsOf = keys.map(key => new Map(key.values.map((value, k) => [value, key.texts[k]])));
 const number = new Intl.Collator(undefined, { numeric: true, sensitivity: "base" });
 
-/* the values of an axis or of an order, one a clip: of a key, of an outcome, or of what every clip has */
+/* the values of an axis or of an order, one a clip: of a key, or of what every clip has */
 const OWN = { name: clip => clip.name, scene: clip => clip.scene, variant: clip => clip.variant ?? "", time: clip => clip.time, objects: clip => (clip.made ? clip.objects : null), duration: clip => (clip.made ? clip.frames / clip.fps : null) };
 function valuesOf(path) {
-  const at = keys.findIndex(key => key.path === path), end = data.became.findIndex(end => end.path === path);
-  if (end >= 0) return clips.map(clip => clip.became[end]);
+  const at = keys.findIndex(key => key.path === path);
   return at < 0 ? clips.map(OWN[path.slice(1)] ?? (() => null)) : clips.map(clip => clip.values[at]);
 }
 

@@ -26,28 +26,10 @@ function redraw() {
       order = shown;
     }
   }
-  rank();
   if (grid) drawSheet(shown); else for (const box of all(".shot", sheet)) forgetShot(box);
   setLongest(shown);
   writeState();
 }
-
-/* sorted by what became of them, cards say it */
-let ranked = -1;
-function rank() {
-  const at = data.became.findIndex(end => end.path === state.sort);
-  if (at === ranked) return;
-  ranked = at;
-  for (const old of all(".ranked", list)) old.remove();
-  if (at < 0) return;
-  const { name, unit } = data.became[at];
-  cards.forEach((card, n) => {
-    const value = clips[n].became[at];
-    const text = value === null ? "no value" : `${rounded(value)}${unit ? ` ${unit}` : ""}`;
-    card.querySelector("h3").after(make("p", { className: "facts ranked" }, [`${name} `, make("b", { text })]));
-  });
-}
-const rounded = value => String(Number(value.toPrecision(4)));
 
 /* what stands in the controls follows the state */
 function fillIn() {
@@ -85,7 +67,6 @@ function options(select, rows) {
 function prepare() {
   const twice = (axis, k, every) => every.filter(other => other.name === axis.name).length > 1 ? `${axis.name} (${axis.path})` : axis.name;
   options(part("sort"), [["", "folder"], ["=name", "name"], ["=time", "time made"], ["=objects", "objects"], ["=duration", "duration"], ...keys.map(key => [key.path, key.name])]);
-  if (data.became.length) part("sort").append(make("optgroup", { label: "what became of it" }, data.became.map(end => make("option", { value: end.path, text: end.name }))));
   const rows = AXES.map((axis, k, every) => [axis.path, twice(axis, k, every)]);
   options(part("x"), rows);
   options(part("y"), [...rows, ["-", "nothing"]]);

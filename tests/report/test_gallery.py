@@ -112,14 +112,17 @@ def test_the_keys_of_a_sweep_and_their_values(tmp_path: Path) -> None:
 
 def test_names_of_keys_are_as_short_as_leaves_no_doubt(tmp_path: Path) -> None:
     for k in range(4):
-        scene = document(
-            objects__ball__mass=10 * k,
-            objects__crate__mass=5 * (k % 3),
-            objects__ball__velocity=[k // 2, 7],
-            forces=[{"object": "ball", "impulse": [4, k % 2]}],
-            world__view=("side", "top")[k // 3],
-        )
-        exhibit(tmp_path / f"{k}", scene)
+        told = {
+            "objects.ball.mass": 10 * k,
+            "objects.crate.mass": 5 * (k % 3),
+            "objects.ball.velocity": [k // 2, 7],
+            "forces[0].impulse": [4, k % 2],
+            "world.view": ("side", "top")[k // 3],
+        }
+        exhibit(tmp_path / f"{k}", overrides=[f"{key}={value}" for key, value in told.items()])
+    exhibit(
+        tmp_path / "4", document(objects__ball__mass=25, objects__ball__velocity=[0, 7])
+    )  # as its scene has it
     keys = {key.path: key for key in swept_keys(clips_in([tmp_path]))}
     assert {path: key.name for path, key in keys.items()} == {
         "objects.ball.mass": "ball mass",
@@ -130,6 +133,7 @@ def test_names_of_keys_are_as_short_as_leaves_no_doubt(tmp_path: Path) -> None:
     }
     assert {keys["objects.ball.velocity[0]"].unit, keys["forces[0].impulse[1]"].unit} == {"px/s", "g·px/s"}
     assert not keys["world.view"].numeric
+    assert keys["objects.ball.mass"].values == (0, 10, 20, 30, 25)
 
 
 # ---- pictures --------------------------------------------------------------------------------------------------------

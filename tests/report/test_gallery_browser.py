@@ -136,13 +136,10 @@ def test_sorting_there_and_back(browser: Any, mixed: Path) -> None:
         assert shown(seen) == ["broken", "café", "pool", "pool-heavy", "shelf"]
         seen.page.click("[data-part=desc]")
         assert shown(seen) == ["shelf", "pool-heavy", "pool", "café", "broken"]
-        seen.page.select_option("[data-part=sort]", "world.duration")
-        assert shown(seen)[:2] == ["shelf", "pool"]
-        assert shown(seen)[-1] == "broken", "what has no value comes last, either way"
         seen.page.click("[data-part=desc]")
-        assert shown(seen)[-3:] == ["pool", "shelf", "broken"]
         seen.page.select_option("[data-part=sort]", "=objects")
         assert shown(seen)[0] == "café"
+        assert shown(seen)[-1] == "broken", "what has no value comes last"
 
 
 def test_filters_join_within_and_narrow_across(browser: Any, mixed: Path) -> None:
@@ -158,7 +155,7 @@ def test_filters_join_within_and_narrow_across(browser: Any, mixed: Path) -> Non
 
 def test_a_range_of_values(browser: Any, tmp_path: Path) -> None:
     for k in range(12):
-        exhibit(tmp_path / f"{k}", document(objects__ball__mass=10 * k))
+        exhibit(tmp_path / f"{k}", overrides=[f"objects.ball.mass={10 * k}"])
     write_gallery([tmp_path], tmp_path / "index.html")
     with ready(browser, tmp_path / "index.html") as seen:
         low = seen.page.locator("[data-key='objects.ball.mass'] input[data-end=low]")
