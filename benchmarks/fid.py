@@ -165,12 +165,23 @@ def write(folder: Path, k: int, strip: np.ndarray, side: int) -> None:
     (folder / f"{k:02}.webp").write_bytes(data)
 
 
+def unrolled(strips: Path, folder: Path) -> Path:
+    """Of each strip of frames a folder with its frames, as the measure reads clips."""
+    width, _ = json.loads((strips / "clips.json").read_text())["frame"]
+    for path in sorted(strips.glob("*.webp")):
+        (folder / path.stem).mkdir(parents=True)
+        strip = read_image(path)
+        for k in range(strip.shape[1] // width):
+            frame = strip[:, k * width : (k + 1) * width, ::-1]
+            cv2.imwrite(str(folder / path.stem / f"{k:02}.png"), frame)
+    return folder
+
+
 def fid(folder: Path) -> list[dict]:
     """Distances of every set of clips from the filmed one, and what they were reckoned with."""
-    from physgen import registry
     from physgen.evaluate import fid as told
     from physgen.evaluate.clip_frames import sources
-    from physgen.evaluate.fid import MOTION, Normalise, Settings, measure
+    from physgen.evaluate.fid_features import Bank
 
     filmed = json.loads((CLIPS / "clips.json").read_text())
     side, times = filmed["frame"][0], np.array(filmed["times_s"])
@@ -180,26 +191,18 @@ def fid(folder: Path) -> list[dict]:
         film = shooting.setdefault(take.scene, Filmed(take.scene, times, side))
         for k in range(len(filmed["clips"])):
             write(folder / name, k, film.clip(take.edit(k)), side)
-        methods[name] = sources([folder / name])
+        methods[name] = sources([unrolled(folder / name, folder / "frames" / name)])
         print(name, file=sys.stderr, flush=True)
     photo = cv2.resize(read_image(TRUTH.with_name("photo.png")), (side, side), interpolation=cv2.INTER_AREA)
     for k in range(len(filmed["clips"])):
         write(folder / "still", k, np.hstack([photo] * len(times)), side)
-    methods["still"] = sources([folder / "still"])
-    features, flow = registry.make("features"), registry.make("flow")
-    found = measure(sources([CLIPS]), methods, features, flow, Settings())
+    methods["still"] = sources([unrolled(folder / "still", folder / "frames" / "still")])
+    truth = sources([unrolled(CLIPS, folder / "frames" / "filmed")])
+    found = told.measure(truth, methods, Bank(), told.Settings())
     rows = told.rows(found)
-    by_frame = measure(
-        sources([CLIPS]),
-        methods,
-        features,
-        flow,
-        Settings(normalise=Normalise.FRAME, kinds=(MOTION,), draws=0),
-    )
-    for row, other in zip(rows, told.rows(by_frame), strict=True):
+    for row in rows:
         for key in [key for key in row if "_more" in key]:
             del row[key]
-        row |= {f"{key}_by_frame": value for key, value in other.items() if key == "motion_fid"}
     for row in rows:
         name, _, way = row["method"].partition(", ")
         if name.startswith("random"):
@@ -210,7 +213,6 @@ def fid(folder: Path) -> list[dict]:
                 for other in TOLD
             }
     halves = {f"{kind}_fid": one.halves for kind, one in found.found.items()}
-    halves["motion_fid_by_frame"] = by_frame.found[MOTION].halves
     return [
         *map(rounded, rows),
         rounded({"method": "halves", **halves, "settings": told.settings_record(found)}),

@@ -26,8 +26,7 @@ import numpy as np
 
 from physgen import pipeline
 from physgen.environment import this_machine
-from physgen.evaluate.ground_truth import patches
-from physgen.evaluate.segmentation import judge, overlaps
+from physgen.evaluate.segmentation import Photo, match, runs
 from physgen.problems import InputError
 from physgen.scene.scene import Motion, View
 
@@ -90,8 +89,11 @@ def found(path: Path, truth: Path) -> dict:
     true = true[..., 0] if true.ndim == 3 else true
     maps = pipeline.percepts(pipeline.load(path))
     assert maps is not None
-    said, known = (list(patches(ids).values()) for ids in (maps.labels, true.astype(np.uint16)))
-    judged = judge(overlaps(said, known), np.ones(len(said)))
+    said, known = (
+        [runs(ids == i) for i in np.unique(ids[ids > 0])] for ids in (maps.labels, true.astype(np.uint16))
+    )
+    size = maps.labels.shape[1], maps.labels.shape[0]
+    (judged,) = match([Photo("", size, known, (), said, np.ones(len(said)))]).photos
     hits = judged.overlap[judged.right]
     return {"true": len(known), "met": len(hits), "iou": round(float(hits.mean()), 3) if len(hits) else None}
 

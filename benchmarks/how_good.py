@@ -36,7 +36,7 @@ MISSING = """\
 - **The human evaluation** (the paper: physical realism 4.14, photo realism 3.86 of 5): no clips have been rated yet.
   `physgen evaluate study` makes the page and reads the answers ([study.md](study.md)).
 - **FID as published**: it needs the Inception file, which cannot be shipped here. With it, `physgen evaluate fid
-  --features inception:FILE` gives figures to put beside others' ([fid.md](fid.md)); those here are of an extractor of
+  --inception FILE` gives figures to put beside others' ([fid.md](fid.md)); those here are of an extractor of
   our own.
 - **Other methods' videos** (SEINE, DynamiCrafter, I2VGen-XL): none is at hand. `physgen evaluate leaderboard` and `fid`
   take anybody's.

@@ -18,8 +18,7 @@ from physgen.environment import gpu, this_machine
 from physgen.evaluate.controllability import findings as answered
 from physgen.evaluate.controllability import sweep
 from physgen.evaluate.measure import Findings, Progress, Section, Table, markdown
-from physgen.evaluate.objects import SHIPPED, read_table
-from physgen.evaluate.properties import MASS, ORDER, Asked, ask
+from physgen.evaluate.properties import MASS, ORDER, SHIPPED, Asked, ask, read_table
 from physgen.evaluate.properties import findings as weighed
 from physgen.evaluate.runtime import Run, Time, total
 from physgen.evaluate.runtime import findings as timed

@@ -9,8 +9,7 @@ from pathlib import Path
 from time import process_time
 
 from physgen import registry
-from physgen.evaluate.ground_truth import Pair, pairs
-from physgen.evaluate.segmentation import evaluate
+from physgen.evaluate.segmentation import Pair, evaluate, pairs
 from physgen.perceive.roles import Rgb, Segments
 
 ROOT = Path(__file__).resolve().parents[1]

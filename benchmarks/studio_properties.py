@@ -14,8 +14,18 @@ from typing import Any
 import numpy as np
 
 from physgen.evaluate.measure import Findings, Progress, Table
-from physgen.evaluate.objects import COEFFICIENTS, NUMBERS, Answer
-from physgen.evaluate.properties import MASS, ORDER, Order, found_scale, mass_cells, masses, order
+from physgen.evaluate.properties import (
+    COEFFICIENTS,
+    MASS,
+    NUMBERS,
+    ORDER,
+    Answer,
+    Order,
+    found_scale,
+    mass_cells,
+    masses,
+    order,
+)
 from physgen.maps import read_labels
 from physgen.materials import kind as kind_of
 from physgen.perceive.perceive import fit_objects

@@ -87,7 +87,6 @@ class Backend:
 
 _PERCEIVE = "physgen.perceive.backends"
 _REFINE = "physgen.refine.backends"
-_EVALUATE = "physgen.evaluate.backends"
 
 _TRANSFORMERS: dict[str, Any] = {"extra": "models", "needs": ("torch", "transformers")}
 _DIFFUSERS: dict[str, Any] = {"extra": "models", "needs": ("torch", "diffusers", "transformers")}
@@ -188,19 +187,6 @@ BACKENDS: tuple[Backend, ...] = (
     Backend("refine", "cogvideox", f"{_REFINE}.cogvideox:cogvideox",
             "CogVideoX retouches the video, 49 frames at a time.",
             weights=(Weights("zai-org/CogVideoX-2b", "14 GB", "Apache-2.0"),), **_DIFFUSERS),
-    Backend("features", "bank", f"{_EVALUATE}.features_bank:bank",
-            "Colours and edges in tiles of a picture, for evaluate fid; NOT the features of published FIDs."),
-    Backend("features", "inception", f"{_EVALUATE}.features_inception:inception",
-            "The Inception network of published FIDs, from its TorchScript file.", extra="models", needs=("torch",),
-            weights=(Weights("", "0.1 GB", "Apache-2.0",
-                             "save inception-2015-12-05.pt from a trusted source (it is a program), "
-                             "write --features inception:PATH"),)),
-    Backend("flow", "dis", f"{_EVALUATE}.flow_dis:dis",
-            "Dense Inverse Search, OpenCV's, for evaluate fid."),
-    Backend("flow", "raft", f"{_EVALUATE}.flow_raft:raft",
-            "RAFT, torchvision's.", extra="raft", needs=("torch", "torchvision"),
-            weights=(Weights("", "20 MB", "BSD-3-Clause",
-                             "save torchvision's raft_large_C_T_SKHT_V2-ff5fadd5.pth, write --flow raft:PATH"),)),
 )  # fmt: skip
 """In each role, the first row is the default."""
 

@@ -25,7 +25,7 @@ def test_the_page_is_what_its_json_says(name: str) -> None:
 
 def test_masses_on_the_page_are_those_of_its_rows() -> None:
     """The share that the page tells, counted again from the answers and the shipped table."""
-    from physgen.evaluate.objects import SHIPPED, read_table
+    from physgen.evaluate.properties import SHIPPED, read_table
 
     kept = json.loads((ROOT / "benchmarks" / "results" / "properties.json").read_text())["rows"][0]["found"]
     true = {item.name: item.mass for item in read_table(SHIPPED).weighed}

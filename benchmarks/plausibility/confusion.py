@@ -15,7 +15,7 @@ from .balls import FREE
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from physgen.report.plots.style import Palette
+    from physgen.report.plot_style import Palette
 
     from .trial import Said
 
@@ -160,7 +160,7 @@ def _by_family(rows: Sequence[Row], trackers: list[str]) -> Table:
 
 def _figure(rows: Sequence[Row], tracker: str) -> Figure:
     from physgen.evaluate.measure import plotted
-    from physgen.report.plots.style import SMALL
+    from physgen.report.plot_style import SMALL
 
     mine = _only(rows, tracker=tracker)
     faults = [RIGHT, *(fault for fault in _known(mine, "fault") if fault != RIGHT)]

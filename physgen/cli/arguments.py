@@ -42,7 +42,6 @@ REMOVED = {
     "--truth": "run python benchmarks/run.py properties",
 }
 """Flags and measures of the version before, with what to use in their place; for one version."""
-CURVES = ("x", "y", "speed", "angle")
 
 
 class Parser(argparse.ArgumentParser):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from physgen.cli.arguments import CURVES, Command, Parser, among, moments, names, number, positive
+from physgen.cli.arguments import Command, Parser, moments, names, number
 from physgen.cli.clips import add_overlays
 from physgen.cli.output import OK, Bar
 from physgen.problems import InputError
@@ -19,7 +19,7 @@ def plot(options: argparse.Namespace) -> int:
     if options.variant == "all":
         raise InputError.of("--variant", "all", "names more than one", "write one name")
     scenes = options.scenes if options.what == "strip" else [options.scene]
-    keys = ("objects", "curves", "frames", "names", "width", "dpi", "variant", "allow_outside")
+    keys = ("objects", "frames", "width", "variant", "allow_outside")
     chosen = {key: getattr(options, key) for key in keys if hasattr(options, key)}
     request = PlotRequest(overrides=options.set, **chosen)
     name = pipeline.output_name(scenes[0], options.variant) if len(scenes) == 1 else "scenes"
@@ -47,27 +47,18 @@ def add(parser: Parser) -> None:
         output = f"write here; .png, .svg or .pdf; default: NAME-{name}.png in this folder"
         sub.option("-o --output", "FILE", Path, output)
         sub.option("--width", "MM", number(20, 2000), "of the figure, mm, e.g. 84 for a column")
-        sub.option("--dpi", "N", positive, "pixels per inch of a PNG; default: 300")
         add_overlays(sub)
         return sub
 
     about = "Kinetic, potential and dissipated energy over time, and their constant sum."
     kind("energy", about, "energy scene.yaml -o energy.pdf")
     about = "Paths of objects over the photo, with time marks."
-    sub = kind(
-        "trajectory", about, "trajectory scene.yaml --objects cue-ball,ball-1 --curves x,y -o paths.pdf"
-    )
-    sub.option("--objects", "NAME,...", names, "only these objects", [])
-    about = "curves over time below the paths: any of x,y,speed,angle"
-    sub.option("--curves", "LIST", among(CURVES), about, [])
-    about = "Which objects touch when, and how hard."
-    sub = kind("contacts", about, "contacts scene.yaml -o contacts.pdf")
+    sub = kind("trajectory", about, "trajectory scene.yaml --objects cue-ball,ball-1 -o paths.pdf")
     sub.option("--objects", "NAME,...", names, "only these objects", [])
     about = "The photo with red arrows, then frames with their times; a row for each scene."
-    sub = kind("strip", about, "strip scenes/*/scene.yaml --frames 6 --names -o strip.pdf")
+    sub = kind("strip", about, "strip scenes/*/scene.yaml --frames 6 -o strip.pdf")
     about = "number of frames at even times, or a list of frames, from 0: 0,12,24; default: 5"
     sub.option("--frames", "N", moments, about, 5)
-    sub.flag("--names", "write each scene's name beside its row")
 
 
 PLOT = Command(

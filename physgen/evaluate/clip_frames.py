@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from enum import Enum
 from itertools import islice
 from pathlib import Path
 
@@ -13,61 +11,42 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.problems import InputError, Place, Problem
+from physgen.problems import InputError, Problem
 from physgen.text import natural
-from physgen.videos import SUFFIXES, in_folder, video_frames
+from physgen.videos import SUFFIXES, video_frames
 
 U8 = NDArray[np.uint8]
 
 FILMS = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".gif")
 RENDERED = ("video.mp4", "video.gif", "video.webp", "frames")
 """A clip that physgen rendered: the first of these in the folder of its scene."""
-STRIPS = "clips.json"
-"""With `frame: [width, height]` px: each picture beside it is a clip, its frames side by side."""
 ALIKE = 0.02
 """Largest relative difference of two aspect ratios that count as one; videos have even sides."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """One clip: a video, a folder of frames, or a strip of frames."""
+    """One clip: a video, or a folder of frames."""
 
     path: Path
-    strip: tuple[int, int] | None = None
-    """Width and height (px) of the frames in a strip."""
     skip: int = 0
     """First frames that do not count."""
 
     @property
     def filmed(self) -> bool:
-        """Whether it is a video, a strip, or a rendered clip, rather than any folder of pictures."""
-        return self.strip is not None or self.path.name in RENDERED or not self.path.is_dir()
+        """Whether it is a video or a rendered clip, rather than any folder of pictures."""
+        return self.path.name in RENDERED or not self.path.is_dir()
 
     def frames(self) -> Iterator[U8]:
         """(H, W, 3) sRGB, all of one size. Raises InputError for a frame that cannot be read or differs in size."""
         size: tuple[int, ...] | None = None
-        for frame, place in islice(self._read(), self.skip, None):
-            if size is not None and frame.shape != size:
+        for shown in islice(video_frames(self.path), self.skip, None):
+            if size is not None and shown.rgb.shape != size:
                 expected = f"differs from the {_px(size)} of the first frame"
-                raise InputError.of(
-                    place, _px(frame.shape), expected, "make all frames of a clip the same size"
-                )
-            size = frame.shape
-            yield frame
-
-    def _read(self) -> Iterator[tuple[U8, str]]:
-        for shown in video_frames(self.path):
-            if self.strip is None:
-                yield shown.rgb, shown.place
-                continue
-            wide, high = self.strip
-            height, width = shown.rgb.shape[:2]
-            if height != high or width % wide:
-                expected = f"is no row of frames of {wide} x {high} px, as {STRIPS} says"
-                fix = f"make it {high} px high and a whole number of frames wide"
+                fix = "make all frames of a clip the same size"
                 raise InputError.of(shown.place, _px(shown.rgb.shape), expected, fix)
-            for left in range(0, width, wide):
-                yield np.ascontiguousarray(shown.rgb[:, left : left + wide]), shown.place
+            size = shown.rgb.shape
+            yield shown.rgb
 
 
 def sources(paths: Iterable[Path]) -> list[Source]:
@@ -85,8 +64,8 @@ def sources(paths: Iterable[Path]) -> list[Source]:
 
 
 def clips_in(path: Path) -> list[Source]:
-    """A video is one clip. A folder is one rendered clip, or strips, or holds videos and folders of clips; otherwise
-    its pictures are the frames of one clip.
+    """A video is one clip. A folder is one rendered clip, or holds videos and folders of clips; otherwise its pictures
+    are the frames of one clip.
 
     Folders of pictures beside videos are no clips: galleries have such. Raises InputError where there is none.
     """
@@ -94,9 +73,6 @@ def clips_in(path: Path) -> list[Source]:
         if not path.is_file():
             raise InputError.of(str(path), "", "no such file or folder", "check the path")
         return [Source(path)]
-    if (path / STRIPS).is_file():
-        strip = _strip(path / STRIPS)
-        return [Source(picture, strip) for picture in in_folder(path)]
     for name in RENDERED:
         if (path / name).exists():
             return [Source(path / name)]
@@ -118,32 +94,8 @@ def clips_in(path: Path) -> list[Source]:
     raise InputError.of(str(path), "", "holds no clips", "name a folder of videos, or of folders of frames")
 
 
-def _strip(path: Path) -> tuple[int, int]:
-    """Width and height of a frame."""
-    fix = 'write e.g. {"frame": [256, 256]}'
-    try:
-        frame = dict(json.loads(path.read_text(encoding="utf-8"))).get("frame")
-    except (ValueError, TypeError) as error:
-        raise InputError.of(str(path), "", f"is no JSON ({error})", fix) from None
-    if not (isinstance(frame, list) and len(frame) == 2 and all(type(s) is int and s > 0 for s in frame)):
-        expected = "is not the width and height of a frame in px"
-        raise InputError([Problem(Place(str(path)), "frame", json.dumps(frame)[:40], expected, fix)])
-    return frame[0], frame[1]
-
-
 def _px(shape: tuple[int, ...]) -> str:
     return f"{shape[1]} x {shape[0]} px"
-
-
-class Fit(Enum):
-    """How frames of any size become frames of one."""
-
-    WHOLE = "whole"
-    """The shorter side becomes `side`; all clips must have one aspect ratio."""
-    CROP = "crop"
-    """The middle square."""
-    STRETCH = "stretch"
-    """A square, whatever becomes of the aspect ratio."""
 
 
 @dataclass(frozen=True)
@@ -151,18 +103,9 @@ class Rule:
     """Selection and size of frames, one for all clips that are compared."""
 
     side: int = 256
-    """px."""
-    fit: Fit = Fit.WHOLE
+    """px that the shorter side becomes; all clips must have one aspect ratio."""
     count: int | None = None
     """Frames of a clip, evenly from the first to the last; None: all."""
-
-    def __str__(self) -> str:
-        how = {
-            Fit.WHOLE: f"whole, the shorter side made {self.side} px",
-            Fit.CROP: f"the middle square, made {self.side} x {self.side} px",
-            Fit.STRETCH: f"stretched to {self.side} x {self.side} px",
-        }
-        return how[self.fit]
 
     def frames(self, source: Source) -> list[U8]:
         """(H, W, 3) sRGB. Raises InputError for a clip that cannot be read, is empty, or is shorter than `count`."""
@@ -181,17 +124,11 @@ class Rule:
     def sized(self, frame: U8) -> U8:
         """Areas are averaged where the frame shrinks, so that nothing aliases; cubic where it grows."""
         height, width = frame.shape[:2]
-        if self.fit is Fit.CROP:
-            short = min(height, width)
-            top, left = (height - short) // 2, (width - short) // 2
-            frame = frame[top : top + short, left : left + short]
-            height = width = short
         scale = self.side / min(height, width)
-        whole = round(width * scale), round(height * scale)
-        size = whole if self.fit is Fit.WHOLE else (self.side, self.side)
+        size = round(width * scale), round(height * scale)
         if size == (width, height):
             return np.ascontiguousarray(frame)
-        way = cv2.INTER_AREA if min(size) < min(height, width) else cv2.INTER_CUBIC
+        way = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
         return np.asarray(cv2.resize(frame, size, interpolation=way), np.uint8)
 
 

@@ -27,7 +27,7 @@ from physgen.simulate.trajectory import Trajectory, new_touches
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from physgen.report.plots.style import Palette
+    from physgen.report.plot_style import Palette
 
 Array = NDArray[np.float64]
 

@@ -1,17 +1,15 @@
 """Image-FID and Motion-FID of clips against a reference (paper, section 4.3), with intervals over clips.
 
 Motion pictures colour the flow between two frames as Baker et al. do (A Database and Evaluation Methodology for
-Optical Flow, IJCV 92, 2011): hue is direction, saturation is speed. The speed that is full colour decides what a
-distance of such pictures means. `REFERENCE`: the speed of the reference's fastest pair of frames, for all clips, so
-that twice the speed looks different and rest is white. `FRAME`: each picture's own fastest, as RAFT's pictures have
-it: speed is then not visible, and where nothing moves, noise is in full colour.
+Optical Flow, IJCV 92, 2011): hue is direction, saturation is speed. Full colour is the speed of the reference's
+fastest pair of frames, for all clips, so that twice the speed looks different and rest is white. Flow is found by
+Dense Inverse Search (Kroeger et al., ECCV 2016), as OpenCV has it, at its medium setting.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from enum import Enum
 from itertools import pairwise
 from math import inf
 from typing import TYPE_CHECKING, Any, Protocol
@@ -20,7 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.evaluate.clip_frames import Fit, Rule, Source, one_shape
+from physgen.evaluate.clip_frames import Rule, Source, one_shape
 from physgen.evaluate.measure import Figure, Findings, Progress, Section, Table, plotted
 from physgen.export.flow import coloured
 from physgen.problems import InputError, Place, Problem, Severity
@@ -28,7 +26,7 @@ from physgen.problems import InputError, Place, Problem, Severity
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from physgen.report.plots.style import Palette
+    from physgen.report.plot_style import Palette
 
 U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
@@ -36,6 +34,7 @@ F64 = NDArray[np.float64]
 
 IMAGE, MOTION, REFERENCE = "image", "motion", "reference"
 WORDS = {IMAGE: "Image-FID", MOTION: "Motion-FID"}
+KINDS = tuple(WORDS)
 
 
 @dataclass(frozen=True)
@@ -52,8 +51,6 @@ class Constants:
     """% of pixels that are no faster than the speed of a pair of frames: outliers do not count."""
     least_colour: float = 1.0
     """px of motion that are full colour, at least."""
-    tiny_flow: float = 1e-5
-    """px that RAFT's pictures add before they divide."""
     rounding: float = 1e-9
     """Distances below it are 0."""
 
@@ -62,8 +59,9 @@ CONSTANTS = Constants()
 
 
 class Features(Protocol):
-    """Role `features` of backends."""
+    """Pictures -> numbers: `fid_features.Bank`, `backends.inception.Inception`."""
 
+    name: str
     comparable: bool
     """Whether these are the features that published FIDs are made of."""
 
@@ -73,18 +71,6 @@ class Features(Protocol):
 
     def note(self) -> Mapping[str, Any]:
         """For the record: what it was, exactly."""
-        ...
-
-
-class Flow(Protocol):
-    """Role `flow` of backends."""
-
-    def __call__(self, one: U8, other: U8) -> F32:
-        """Two frames (H, W, 3) sRGB -> (H, W, 2) px, right and down, that each point of `one` moves until `other`."""
-        ...
-
-    def note(self) -> Mapping[str, Any]:
-        """For the record."""
         ...
 
 
@@ -245,20 +231,11 @@ def _halves(reference: Cloud, seed: int) -> float | None:
 # ---- pictures of motion, and reading -----------------------------------------------------------------------------
 
 
-class Normalise(Enum):
-    """What is full colour."""
-
-    REFERENCE = "reference"
-    FRAME = "frame"
-
-
 @dataclass(frozen=True)
 class Settings:
     """How all clips are compared."""
 
     rule: Rule = field(default_factory=Rule)
-    normalise: Normalise = Normalise.REFERENCE
-    kinds: tuple[str, ...] = (IMAGE, MOTION)
     draws: int = 200
     seed: int = 0
 
@@ -286,25 +263,26 @@ class Measured:
     methods: Mapping[str, Side]
     found: Mapping[str, Distances]
     """By kind."""
-    full: float | None
-    """px that are full colour; None: each picture's own, or no flow."""
-    features: Mapping[str, int]
-    """Number of features, by kind."""
+    full: float
+    """px that are full colour."""
+    features: Features
+    wide: int
+    """Number of features of a picture."""
     settings: Settings
     warnings: tuple[Problem, ...]
 
 
-def flows(frames: Iterable[U8], flow: Flow) -> Iterator[F32]:
-    """(H, W, 2) px from each frame to the next."""
-    return (flow(one, other) for one, other in pairwise(frames))
+def flows(frames: Iterable[U8]) -> Iterator[F32]:
+    """(H, W, 2) px from each frame to the next, right and down."""
+    find = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    for one, other in pairwise(cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in frames):
+        yield np.asarray(find.calc(one, other, None), np.float32)  # type: ignore[call-overload]
 
 
-def pictured(moved: F32, full: float | None) -> U8:
-    """(H, W, 3) sRGB of a flow (H, W, 2); `full` px and more are full colour. None: this flow's fastest."""
+def pictured(moved: F32, full: float) -> U8:
+    """(H, W, 3) sRGB of a flow (H, W, 2); `full` px and more are full colour."""
     speed = cv2.magnitude(moved[..., 0], moved[..., 1])
-    if full is None:
-        full = float(speed.max()) + CONSTANTS.tiny_flow
-    held = np.minimum(1.0, full / np.maximum(speed, CONSTANTS.tiny_flow)).astype(np.float32)
+    held = np.minimum(1.0, full / np.maximum(speed, full)).astype(np.float32)
     return np.ascontiguousarray(coloured(moved * held[..., None], full)[..., ::-1])
 
 
@@ -312,40 +290,37 @@ def measure(
     reference: Sequence[Source],
     methods: Mapping[str, Sequence[Source]],
     features: Features,
-    flow: Flow,
     settings: Settings,
     progress: Progress = lambda stage, done, total: None,
 ) -> Measured:
     """Raises InputError with all clips that cannot be read or compared."""
     named = {REFERENCE: reference, **methods}
-    full = _check(named, flow, settings, progress)
+    full = _check(named, settings, progress)
     sides = {}
     for name, clips in named.items():
-        sides[name] = side = Side(name, features={kind: [] for kind in settings.kinds})
+        sides[name] = side = Side(name, features={kind: [] for kind in KINDS})
         for k, clip in enumerate(clips):
             progress(f"look at {name}", k, len(clips))
-            _add_clip(side, clip, features, flow, settings, full)
+            _add_clip(side, clip, features, settings, full)
     truth = sides.pop(REFERENCE)
     found = {}
-    for kind in settings.kinds:
+    for kind in KINDS:
         clouds = {name: cloud(side.features[kind]) for name, side in sides.items()}
 
         def show(done: int, total: int, kind: str = kind) -> None:
             progress(f"draw {kind}", done, total)
 
         found[kind] = distances(cloud(truth.features[kind]), clouds, settings.draws, settings.seed, show)
-    wide = {kind: truth.features[kind][0].shape[1] for kind in settings.kinds}
-    return Measured(truth, sides, found, full, wide, settings, tuple(_warnings(truth, sides, wide)))
+    wide = truth.features[IMAGE][0].shape[1]
+    warnings = tuple(_warnings(truth, sides, wide))
+    return Measured(truth, sides, found, full, features, wide, settings, warnings)
 
 
-def _check(
-    sides: Mapping[str, Sequence[Source]], flow: Flow, settings: Settings, progress: Progress
-) -> float | None:
+def _check(sides: Mapping[str, Sequence[Source]], settings: Settings, progress: Progress) -> float:
     """Read every clip once, before anything is computed; the px that are full colour, by the reference's motion."""
     problems: list[Problem] = []
     shape: tuple[tuple[int, int], Source] | None = None
     peaks = [CONSTANTS.least_colour]
-    by_reference = MOTION in settings.kinds and settings.normalise is Normalise.REFERENCE
     for name, clips in sides.items():
         lengths = []
         for k, clip in enumerate(clips):
@@ -358,44 +333,39 @@ def _check(
             lengths.append(len(frames))
             size = frames[0].shape[0], frames[0].shape[1]
             first, other = shape = shape or (size, clip)
-            if settings.rule.fit is Fit.WHOLE and not one_shape(size, first):
+            if not one_shape(size, first):
                 found = f"is {size[1] / size[0]:.3g} times as wide as high"
                 expected = f"and {other.path} is {first[1] / first[0]:.3g} times"
-                fix = "give --fit crop for the middle square of all, or --fit stretch"
+                fix = "crop the clips to one shape"
                 problems.append(Problem(Place(str(clip.path)), "", found, expected, fix))
-            elif by_reference and name == REFERENCE:
-                for moved in flows(frames, flow):
+            elif name == REFERENCE:
+                for moved in flows(frames):
                     speed = cv2.magnitude(moved[..., 0], moved[..., 1])
                     peaks.append(float(np.percentile(speed, CONSTANTS.peak)))
         if len(lengths) == len(clips):
-            problems += _too_few(name, lengths, settings.kinds)
+            problems += _too_few(name, lengths)
     if problems:
         raise InputError(dict.fromkeys(problems))  # a clip of two sides is named once
-    return max(peaks) if by_reference else None
+    return max(peaks)
 
 
-def _too_few(name: str, lengths: Sequence[int], kinds: Sequence[str]) -> list[Problem]:
+def _too_few(name: str, lengths: Sequence[int]) -> list[Problem]:
     """A covariance needs two pictures, of whichever clips."""
-    frames, pairs = sum(lengths), sum(length - 1 for length in lengths)
+    if sum(length - 1 for length in lengths) >= 2:
+        return []
     place = Place("--reference" if name == REFERENCE else name)
-    count = f"{frames} frame{'s' * (frames != 1)}"
-    if frames < 2:
-        return [Problem(place, "", count, "is too little: a distance needs two at least", "name more clips")]
-    if MOTION in kinds and pairs < 2:
-        expected = f"in {len(lengths)} clips make fewer than two pictures of motion"
-        fix = "name clips of three frames or more, or give --only image"
-        return [Problem(place, "", count, expected, fix)]
-    return []
+    frames, clips = sum(lengths), len(lengths)
+    found = f"{frames} frame{'s' * (frames != 1)} in {clips} clip{'s' * (clips != 1)}"
+    expected = "make fewer than two pictures of motion"
+    return [Problem(place, "", found, expected, "name more clips, of two frames or more")]
 
 
-def _add_clip(
-    side: Side, clip: Source, features: Features, flow: Flow, settings: Settings, full: float | None
-) -> None:
+def _add_clip(side: Side, clip: Source, features: Features, settings: Settings, full: float) -> None:
     frames = settings.rule.frames(clip)
     side.lengths.append(len(frames))
-    moving = [pictured(moved, full) for moved in flows(frames, flow)] if MOTION in settings.kinds else []
+    moving = [pictured(moved, full) for moved in flows(frames)]
     for kind, pictures in ((IMAGE, frames), (MOTION, moving)):
-        if kind in settings.kinds and pictures:
+        if pictures:
             found = features(np.stack(pictures))
             if not np.isfinite(found).all():
                 expected = "gives numbers that are not finite"
@@ -403,21 +373,21 @@ def _add_clip(
             side.features[kind].append(found)
 
 
-def _warnings(truth: Side, sides: Mapping[str, Side], wide: Mapping[str, int]) -> Iterator[Problem]:
+def _warnings(truth: Side, sides: Mapping[str, Side], wide: int) -> Iterator[Problem]:
     def warn(side: Side, found: str, expected: str, fix: str) -> Problem:
         place = Place("--reference" if side is truth else side.name)
         return Problem(place, "", found, expected, fix, Severity.WARNING)
 
     for side in (truth, *sides.values()):
-        for kind, features in wide.items():
-            if (count := side.count(kind)) <= features:
-                expected = f"for {features} features: fewer pictures make a Fréchet distance larger"
+        for kind in KINDS:
+            if (count := side.count(kind)) <= wide:
+                expected = f"for {wide} features: fewer pictures make a Fréchet distance larger"
                 yield warn(side, f"{count} pictures", f"{expected} ({kind})", "compare equal numbers")
         if len(side.lengths) < CONSTANTS.few:
             clips = f"{len(side.lengths)} clip{'s' * (len(side.lengths) != 1)}"
             yield warn(side, clips, "are few: intervals say little, and there is none of one", "name more")
         one, other = (float(np.median(a.lengths)) for a in (truth, side))
-        if MOTION in wide and one != other:
+        if one != other:
             expected = f"beside the reference's {one:g}: flow is then over other times"
             yield warn(side, f"{other:g} frames a clip", expected, f"give --frames {min(one, other):g}")
 
@@ -430,24 +400,30 @@ BIASED = (
 )
 
 
-def findings(found: Measured, tools: Mapping[str, Any], comparable: bool, pictures: bool = False) -> Findings:
-    """`tools` names extractor and flow with their notes; `pictures` asks for plots, which only a page shows."""
-    heads = {kind: word if comparable else f"{word}, {tools['features']}" for kind, word in WORDS.items()}
+def findings(found: Measured, skipped: int = 0, pictures: bool = False) -> Findings:
+    """`skipped`: first frames that do not count, for the record; `pictures` asks for plots, which only a page shows."""
+    features = found.features
+    heads = {
+        kind: word if features.comparable else f"{word}, {features.name}" for kind, word in WORDS.items()
+    }
     tables: list[Table | Figure] = [_table(found, kind, heads[kind]) for kind in found.found]
     if pictures:
         tables += [_plot(found, kind, heads[kind]) for kind in found.found]
     sections = (
         Section("Distances", BIASED, tuple(tables)),
-        Section("How", tuple(_how(found, tools))),
+        Section("How", _how(found)),
     )
     more = {
-        **tools,
-        "comparable": comparable,
+        "features": features.name,
+        "features_note": dict(features.note()),
+        "flow": f"DIS, medium, OpenCV {cv2.__version__}",
+        "skipped": skipped,
+        "comparable": features.comparable,
         "settings": settings_record(found),
         "reference": _counts(found.reference),
         "halves_of_reference": {kind: one.halves for kind, one in found.found.items()},
     }
-    sentences = tuple(_sentences(found, heads, tools, comparable))
+    sentences = tuple(_sentences(found, heads))
     return Findings(
         "fid", "Frames and motion against a reference", sentences, sections, rows(found), more=more
     )
@@ -473,19 +449,17 @@ def settings_record(found: Measured) -> dict[str, Any]:
     """Settings as JSON."""
     chosen = found.settings
     return {
-        "frames": str(chosen.rule),
+        "shorter_side_px": chosen.rule.side,
         "frames_a_clip": chosen.rule.count,
-        "full_colour": chosen.normalise.value if MOTION in chosen.kinds else None,
         "full_colour_px": found.full,
         "draws": chosen.draws,
         "seed": chosen.seed,
-        "features_of_a_picture": dict(found.features),
+        "features_of_a_picture": found.wide,
     }
 
 
 def _counts(side: Side) -> dict[str, Any]:
-    pairs = side.count(MOTION) if MOTION in side.features else None
-    return {"clips": len(side.lengths), "frames": sum(side.lengths), "pairs": pairs}
+    return {"clips": len(side.lengths), "frames": sum(side.lengths), "pairs": side.count(MOTION)}
 
 
 def _number(value: float | None) -> str:
@@ -506,9 +480,7 @@ def _share(distance: Distance) -> str:
     return "-" if distance.above is None else f"{100 * distance.above:.0f} %"
 
 
-def _sentences(
-    found: Measured, heads: Mapping[str, str], tools: Mapping[str, Any], comparable: bool
-) -> Iterator[str]:
+def _sentences(found: Measured, heads: Mapping[str, str]) -> Iterator[str]:
     """The order of the methods, and what limits it."""
     for kind, one in found.found.items():
         order = sorted(found.methods, key=lambda name: one.frechet[name].value)
@@ -522,10 +494,10 @@ def _sentences(
             sure = more.interval is None or more.interval[0] > 0
             names.append(name if sure else f"{name} (not surely farther: in {_share(more)} of the draws)")
         yield f"By {heads[kind]}, the nearest first: {', '.join(names)}."
-    if not comparable:
+    if not found.features.comparable:
         yield (
-            f"NOT comparable with published FIDs: these are distances of {tools['features']}, colours and edges in "
-            "fields of the picture. Name the Inception file with --features inception:PATH for those; see docs/fid.md."
+            f"NOT comparable with published FIDs: these are distances of {found.features.name}, colours and edges in "
+            "fields of the picture. Name the Inception file with --inception for those; see docs/fid.md."
         )
 
 
@@ -559,19 +531,14 @@ def _table(found: Measured, kind: str, head: str) -> Table:
     return Table(heads, tuple(lines), note=note)
 
 
-def _how(found: Measured, tools: Mapping[str, Any]) -> Iterator[str]:
-    chosen = found.settings
-    count = "all frames" if chosen.rule.count is None else f"{chosen.rule.count} frames, evenly,"
-    yield f"Frames: {count} of each clip, {chosen.rule}. Features: {tools['features']}."
-    if MOTION in chosen.kinds:
-        own = "each picture's own fastest pixel"
-        full = (
-            own if found.full is None else f"{found.full:.4g} px, the speed of the reference's fastest pair"
-        )
-        yield (
-            f"Motion: flow from each frame to the next, by {tools['flow']}, coloured as Baker et al. (2011) do; full "
-            f"colour is {full}."
-        )
+def _how(found: Measured) -> tuple[str, str]:
+    rule = found.settings.rule
+    count = "all frames" if rule.count is None else f"{rule.count} frames, evenly,"
+    return (
+        f"Frames: {count} of each clip, the shorter side made {rule.side} px. Features: {found.features.name}.",
+        "Motion: flow from each frame to the next, by DIS, coloured as Baker et al. (2011) do; full colour is "
+        f"{found.full:.4g} px, the speed of the reference's fastest pair.",
+    )
 
 
 def _plot(found: Measured, kind: str, head: str) -> Figure:

@@ -23,7 +23,7 @@ from physgen import __version__
 from physgen.files import back_up, write_atomic
 from physgen.problems import InputError
 from physgen.report.html import template
-from physgen.report.plots.style import (
+from physgen.report.plot_style import (
     DPI,
     MM,
     PALETTE,

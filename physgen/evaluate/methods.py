@@ -52,20 +52,15 @@ class Methods:
         return tuple(s for s in self.scenes if all((name, s) in self.films for name in self.names))
 
 
-def methods_in(folder: Path, photos: Path | None = None) -> Methods:
-    """Folders in `folder` that hold clips are methods; raises InputError where there are none, or one scene twice.
-
-    `photos` is the folder of the scenes' photos; by default `photos` in `folder`, if it is there.
-    """
+def methods_in(folder: Path) -> Methods:
+    """Folders in `folder` that hold clips are methods; raises InputError where there are none, or one scene twice."""
     if not folder.is_dir():
         raise InputError.of(str(folder), "", "is no folder", "name a folder with a folder for each method")
-    if photos is not None and not photos.is_dir():
-        raise InputError.of("--photos", f'"{photos}"', "is no folder", "name a folder with SCENE.png in it")
-    beside = photos or folder / PHOTOS
+    beside = folder / PHOTOS
     films: dict[tuple[str, str], Path] = {}
     failures: dict[tuple[str, str], str] = {}
     for home in _sorted(folder):
-        if not home.is_dir() or home.resolve() == beside.resolve():
+        if not home.is_dir() or home == beside:
             continue
         if (home / "manifest.json").is_file() and any(home.glob("video.*")):
             expected = "is a clip, and no method: its folder holds the clips of one method alone"

@@ -1,20 +1,23 @@
 """Objects found on photos against true masks, matched as COCO does: counts, average precision, calibration.
 
-T.-Y. Lin et al., "Microsoft COCO: Common Objects in Context" (2014), and `pycocotools.cocoeval`, with which tests
-compare.
+T.-Y. Lin et al., "Microsoft COCO: Common Objects in Context" (2014); pycocotools matches and counts. Truth is read from
+label maps beside photos, photos with their assets as `perceive` writes them, or COCO files.
 """
 
 from __future__ import annotations
 
+import contextlib
+import io
+import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from physgen import registry
-from physgen.evaluate.ground_truth import Mask, Pair, Patch, Truth, patches
 from physgen.evaluate.measure import (
     Bar,
     Figure,
@@ -26,83 +29,272 @@ from physgen.evaluate.measure import (
     number,
     plotted,
 )
+from physgen.maps import read_labels
+from physgen.perceive.import_coco import CocoImage, coco_photos, decode_segmentation
 from physgen.perceive.roles import Segment, Segments
-from physgen.problems import InputError
+from physgen.photos import read_photo
+from physgen.problems import InputError, Place, Problem, Severity
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from physgen.report.plots.style import Palette
+    from physgen.report.plot_style import Palette
 
 
+Mask = NDArray[np.bool_]
 Floats = NDArray[np.float64]
-Detections = tuple[tuple[Patch, ...], Floats]
-"""Masks, and confidences (N,)."""
+Runs = Mapping[str, Any]
+"""A mask as COCO's compressed run lengths."""
 
 THRESHOLDS: tuple[float, ...] = tuple(np.linspace(0.5, 0.95, 10).tolist())
 """COCO's, of IoU; counts are taken at the first."""
-RECALLS = np.linspace(0.0, 1.0, 101)
-"""COCO's, at which precision is read."""
 BINS = 10
 """Of confidence."""
+
+
+# ---- truth -------------------------------------------------------------------------------------------------------
+
+ENDINGS = (".png", ".jpg", ".jpeg", ".webp")
+"""Of photos."""
+LABELS = ".labels.png"
+"""Ends the name of a label map beside its photo."""
+ASSETS = "photo.assets/masks.png"
+"""The label map of a folder that holds one `photo.*`."""
+UNJUDGED = 65535
+"""Id in a 16-bit label map where truth is unknown."""
+HOW = f"put NAME{LABELS} beside each NAME.png, or {ASSETS} beside each photo.png in folders, or name a COCO file"
+
+
+def require_pycocotools() -> None:
+    """Raises InputError where it is not installed."""
+    try:
+        import pycocotools.cocoeval  # noqa: F401
+    except ModuleNotFoundError as error:
+        found, fix = f"needs {error.name}, which is not installed", 'pip install "physgen[labels]"'
+        raise InputError.of("evaluate segmentation", "", found, fix) from None
+
+
+def runs(mask: Mask) -> Runs:
+    """Of a mask (H, W)."""
+    from pycocotools import mask as coco
+
+    return dict(coco.encode(np.asfortranarray(mask, np.uint8)))
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A photo and the true masks."""
+
+    rgb: NDArray[np.uint8]
+    """(H, W, 3) sRGB, upright."""
+    masks: tuple[Runs, ...]
+    unjudged: Runs
+    """Where truth is unknown."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A photo's file and its truth: a label map, or the annotations of a COCO file."""
+
+    photo: Path
+    truth: Path
+    coco: CocoImage | None = None
+    name: str = ""
+    """Unique in the folder, and fit for a file."""
+
+    def read(self) -> Truth:
+        """Raises InputError where one of the files cannot be read, or their sizes differ."""
+        rgb = read_photo(self.photo).rgb
+        if self.coco is not None:
+            return self._annotated(self.coco, rgb)
+        labels = read_labels(self.truth)
+        if labels.shape != rgb.shape[:2]:
+            raise self._size(labels.shape[1], labels.shape[0], rgb)
+        ids = [i for i in np.unique(labels).tolist() if i not in (0, UNJUDGED)]
+        return Truth(rgb, tuple(runs(labels == i) for i in ids), runs(labels == UNJUDGED))
+
+    def _size(self, width: int, height: int, rgb: NDArray[np.uint8]) -> InputError:
+        expected = f"differs from the {rgb.shape[1]} x {rgb.shape[0]} px of {self.photo.name}"
+        return InputError.of(str(self.truth), f"{width} x {height} px", expected, "make it the photo's size")
+
+    def _annotated(self, coco: CocoImage, rgb: NDArray[np.uint8]) -> Truth:
+        size = rgb.shape[1], rgb.shape[0]
+        if coco.size is not None and coco.size != size:
+            raise self._size(*coco.size, rgb)
+        unjudged, masks, problems = np.zeros(rgb.shape[:2], np.bool_), list[Runs](), list[Problem]()
+        for crowd, regions in ((False, coco.annotations), (True, coco.crowds)):
+            for k, annotation in enumerate(regions):
+                try:
+                    mask = decode_segmentation(annotation.get("segmentation"), size)
+                except ValueError as error:
+                    found = f"annotation {annotation.get('id', k)}"
+                    place = Place(str(self.truth))
+                    problems.append(Problem(place, self.name, found, str(error), "export it again"))
+                    continue
+                if crowd:
+                    unjudged |= mask
+                else:
+                    masks.append(runs(mask))
+        if problems:
+            raise InputError(problems)
+        return Truth(rgb, tuple(masks), runs(unjudged))
+
+
+def pairs(folder: Path) -> tuple[list[Pair], list[Problem]]:
+    """By name, with warnings of photos and label maps without a partner. Raises InputError where there is no pair."""
+    if not folder.exists():
+        raise InputError.of(str(folder), "", "no such folder", "check the path")
+    if folder.is_file() and folder.suffix.lower() == ".json":
+        return _named([Pair(image.file, folder, image) for image in coco_photos(folder)], folder.parent), []
+    if not folder.is_dir():
+        raise InputError.of(str(folder), "", "is not a folder", "name the folder that holds the photos")
+    found, warnings = list[Pair](), list[Problem]()
+    files = [path for path in sorted(folder.rglob("*")) if path.is_file() and not _hidden(path, folder)]
+    photos = [path for path in files if path.suffix.lower() in ENDINGS and not path.name.endswith(LABELS)]
+    for path in photos:
+        beside, assets = path.with_name(path.stem + LABELS), path.parent / ASSETS
+        truth = beside if beside.is_file() else assets if path.stem == "photo" else None
+        if truth is not None and truth.is_file():
+            found.append(Pair(path, truth))
+        else:
+            expected = "is left out: it has no label map"
+            warnings.append(Problem(Place(str(path)), "", "", expected, HOW, Severity.WARNING))
+    if not found:
+        raise InputError.of(str(folder), "", "holds no photo with a label map", HOW)
+    matched: dict[Path, Path] = {}
+    for one in found:
+        other = matched.setdefault(one.truth, one.photo)
+        if other != one.photo:
+            names = f"{other.name} and {one.photo.name}"
+            raise InputError.of(str(one.truth), names, "could both be its photo", "keep one of them")
+    for path in files:
+        if path.name.endswith(LABELS) and path not in matched:
+            place = Place(str(path))
+            warnings.append(Problem(place, "", "", "has no photo", "name both alike", Severity.WARNING))
+    return _named(found, folder), warnings
+
+
+def _hidden(path: Path, folder: Path) -> bool:
+    """Whether it lies in a hidden folder, or among the maps of a scene."""
+    parts = path.relative_to(folder).parts
+    return any(part.startswith(".") or part.endswith(".assets") for part in parts)
+
+
+def _named(found: list[Pair], folder: Path) -> list[Pair]:
+    """The pairs by name: a photo's path in the folder, or its own folder's where that holds one photo."""
+    return sorted(_names(found, folder), key=lambda pair: pair.name)
+
+
+def _names(found: list[Pair], folder: Path) -> Iterator[Pair]:
+    used: dict[str, int] = {}
+    for pair in found:
+        way = pair.photo.relative_to(folder) if pair.photo.is_relative_to(folder) else Path(pair.photo.name)
+        alone = pair.truth == pair.photo.parent / ASSETS
+        parts = way.parent.parts or (folder.resolve().name,) if alone else way.with_suffix("").parts
+        name = re.sub(r"[^\w.-]+", "-", "-".join(parts)).strip(".-") or "photo"
+        used[name] = used.get(name, 0) + 1
+        yield replace(pair, name=name if used[name] == 1 else f"{name}-{used[name]}")
 
 
 # ---- matching ----------------------------------------------------------------------------------------------------
 
 
-def overlaps(found: Sequence[Patch], true: Sequence[Patch]) -> Floats:
-    """(N, M): intersection over union of each found with each true mask; 0 where both are empty."""
-    result = np.zeros((len(found), len(true)))
-    areas, true_areas = [one.area for one in found], [one.area for one in true]
-    for i, one in enumerate(found):
-        for j, other in enumerate(true):
-            if common := one.shared(other):
-                result[i, j] = common / (areas[i] + true_areas[j] - common)
-    return result
+@dataclass(frozen=True, eq=False)
+class Photo:
+    """One photo's true masks, and found ones with their confidences (N,)."""
+
+    name: str
+    size: tuple[int, int]
+    """Width and height, px."""
+    true: Sequence[Runs]
+    unjudged: Sequence[Runs]
+    """Regions that count for neither side: what is found mostly there is left out."""
+    found: Sequence[Runs]
+    confidence: Floats
 
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """Matches of one photo's N found and M true masks at one threshold of overlap."""
+    """Matches of one photo at the first threshold, without what is found where truth is unknown."""
 
     confidence: Floats
     """(N,)."""
-    match: NDArray[np.int64]
-    """(N,): the true mask of each; -1 for none."""
     overlap: Floats
     """(N,): IoU with the match; 0 without."""
     true: int
-    """M."""
+    """Number of true masks."""
 
     @property
     def right(self) -> Mask:
         """(N,): whether it has a match."""
-        return self.match >= 0
+        return self.overlap > 0
+
+
+@dataclass(frozen=True, eq=False)
+class Matched:
+    """All photos."""
+
+    photos: tuple[Judged, ...]
+    precision: Floats
+    """(thresholds, 101): the highest precision at COCO's recalls 0, 0.01 .. 1 or larger ones; -1: nothing is true."""
 
     @property
-    def missed(self) -> list[int]:
-        """True masks without a match."""
-        return sorted(set(range(self.true)) - set(self.match.tolist()))
+    def average_precision(self) -> list[float | None]:
+        """COCO's AP at each threshold; None where nothing is true."""
+        return [None if line[0] < 0 else float(line.mean()) for line in self.precision]
 
 
-def judge(overlap: Floats, confidence: Floats, threshold: float = THRESHOLDS[0]) -> Judged:
-    """Match masks by falling confidence, each with the free true mask of largest `overlap` (N, M), `threshold` or
-    more.
+def match(photos: Sequence[Photo]) -> Matched:
+    """Masks by falling confidence, each with the free true mask of largest overlap, a threshold or more."""
+    from pycocotools import mask as coco
+    from pycocotools.cocoeval import COCOeval
 
-    Of equal overlaps the last wins, of equal confidences the first chooses, as in COCO. Every true mask is matched
-    once.
-    """
-    found, true = overlap.shape
-    match, free = np.full(found, -1, np.int64), np.ones(true, np.bool_)
-    least = min(threshold, 1 - 1e-10)
-    for i in np.argsort(-confidence, kind="stable").tolist():
-        near = np.flatnonzero(free & (overlap[i] >= least))
-        if len(near):
-            best = overlap[i, near]
-            match[i] = near[len(near) - 1 - int(best[::-1].argmax())]
-            free[match[i]] = False
-    achieved = np.where(match >= 0, overlap[np.arange(found), match] if true else 0.0, 0.0)
-    return Judged(np.asarray(confidence, np.float64), match, achieved, true)
+    true, found = list[dict[str, Any]](), list[dict[str, Any]]()
+    for k, photo in enumerate(photos):
+        for crowd, some in ((0, photo.true), (1, photo.unjudged)):
+            true += [{"image_id": k, "iscrowd": crowd, "segmentation": one} for one in some]
+        for one, sure in zip(photo.found, photo.confidence.tolist(), strict=True):
+            found.append({"image_id": k, "iscrowd": 0, "segmentation": one, "score": sure})
+    with contextlib.redirect_stdout(io.StringIO()):
+        judge = COCOeval(_dataset(photos, true), _dataset(photos, found), "segm")
+        judge.params.iouThrs = np.array(THRESHOLDS)
+        judge.params.maxDets = [max(len(found), 1)]
+        judge.params.areaRng, judge.params.areaRngLbl = [[0, 1e10]], ["all"]
+        judge.evaluate()
+        judge.accumulate()
+    judged = []
+    for photo, one in zip(photos, judge.evalImgs, strict=True):
+        if one is None:  # neither true nor found
+            judged.append(Judged(np.zeros(0), np.zeros(0), 0))
+            continue
+        kept = ~np.asarray(one["dtIgnore"][0], np.bool_)
+        ids, matches = np.array(one["dtIds"])[kept], np.asarray(one["dtMatches"][0])[kept].astype(int)
+        overlap = [
+            float(coco.iou([found[i - 1]["segmentation"]], [true[j - 1]["segmentation"]], [0])[0, 0])
+            if j
+            else 0.0
+            for i, j in zip(ids.tolist(), matches.tolist(), strict=True)
+        ]
+        judged.append(Judged(np.array(one["dtScores"])[kept], np.array(overlap), len(photo.true)))
+    return Matched(tuple(judged), np.asarray(judge.eval["precision"][:, :, 0, 0, 0]))
+
+
+def _dataset(photos: Sequence[Photo], annotations: list[dict[str, Any]]) -> Any:
+    """As pycocotools holds it; ids count from 1."""
+    from pycocotools import mask as coco
+    from pycocotools.coco import COCO
+
+    for k, one in enumerate(annotations, 1):
+        one |= {"id": k, "category_id": 1, "area": float(coco.area(one["segmentation"]))}
+    images = [{"id": k, "width": photo.size[0], "height": photo.size[1]} for k, photo in enumerate(photos)]
+    dataset = COCO()
+    dataset.dataset = {
+        "images": images,
+        "annotations": annotations,
+        "categories": [{"id": 1, "name": "object"}],
+    }
+    dataset.createIndex()
+    return dataset
 
 
 def counts(photos: Sequence[Judged]) -> dict[str, Any]:
@@ -111,7 +303,7 @@ def counts(photos: Sequence[Judged]) -> dict[str, Any]:
 
     None where a value has no meaning.
     """
-    found, true = sum(len(one.match) for one in photos), sum(one.true for one in photos)
+    found, true = sum(len(one.confidence) for one in photos), sum(one.true for one in photos)
     reached = np.concatenate([one.overlap[one.right] for one in photos] or [np.zeros(0)])
     hit = len(reached)
     return {
@@ -123,41 +315,6 @@ def counts(photos: Sequence[Judged]) -> dict[str, Any]:
         "f": 2 * hit / (found + true) if found + true else None,
         "iou": float(reached.mean()) if hit else None,
     }
-
-
-@dataclass(frozen=True, eq=False)
-class Curve:
-    """Precision and recall as masks of ever lower confidence are taken in; (K,) each."""
-
-    confidence: Floats
-    """Falling."""
-    recall: Floats
-    """Rising; NaN where nothing is true."""
-    precision: Floats
-
-    @property
-    def falling(self) -> Floats:
-        """(K,): the highest precision at this recall or a larger one."""
-        return np.maximum.accumulate(self.precision[::-1])[::-1]
-
-
-def curve(photos: Sequence[Judged]) -> Curve:
-    """Of all photos together; of equal confidences, those of earlier photos come first."""
-    confidence = np.concatenate([one.confidence for one in photos] or [np.zeros(0)])
-    right = np.concatenate([one.right for one in photos] or [np.zeros(0, np.bool_)])
-    order = np.argsort(-confidence, kind="stable")
-    hits = np.cumsum(right[order])
-    true = sum(one.true for one in photos) or np.nan
-    return Curve(confidence[order], hits / true, hits / np.arange(1, len(order) + 1))
-
-
-def average_precision(photos: Sequence[Judged]) -> float | None:
-    """COCO's AP at the threshold at which the photos were judged; None where nothing is true."""
-    if not any(one.true for one in photos):
-        return None
-    line = curve(photos)
-    best = np.append(line.falling, 0.0)  # 0 beyond the largest recall
-    return float(best[np.searchsorted(line.recall, RECALLS, side="left")].mean())
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,42 +367,13 @@ def reliability(photos: Sequence[Judged]) -> Reliability:
 # ---- the measure -------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class Photo:
-    """One photo's masks and their matches."""
-
-    name: str
-    truth: Truth
-    found: Detections
-    judged: tuple[Judged, ...]
-    """At each of COCO's thresholds."""
-
-    def as_dict(self) -> dict[str, Any]:
-        """A row: counts at 0.5."""
-        return {"photo": self.name, **counts([self.judged[0]])}
-
-
-def masks_of(segments: Segments) -> Detections:
-    """A segmenter's label map as masks; ids without pixels are left out."""
-    found = patches(segments.labels)
-    ids = [i for i in found if i <= len(segments.confidence)]
-    return tuple(found[i] for i in ids), np.array([segments.confidence[i - 1] for i in ids], np.float64)
-
-
-def judge_photo(name: str, truth: Truth, found: Detections) -> Photo:
-    """Masks against truth. Unjudged pixels count for neither; masks that lie mostly there are left out."""
-    masks, confidence = found
-    if truth.unjudged.any():
-        unjudged = truth.unjudged.copy()
-        for true in truth.masks:  # what crowds share with a true object is that object's
-            true.part(unjudged)[true.mask] = False
-        known = [one.mask & ~one.part(unjudged) for one in masks]
-        kept = [k for k, part in enumerate(known) if 2 * np.count_nonzero(part) > masks[k].area]
-        masks = tuple(Patch.of(known[k], masks[k].x, masks[k].y) for k in kept)
-        confidence = confidence[kept]
-    overlap = overlaps(masks, truth.masks)
-    judged = tuple(judge(overlap, confidence, threshold) for threshold in THRESHOLDS)
-    return Photo(name, truth, (masks, confidence), judged)
+def as_photo(name: str, truth: Truth, segments: Segments) -> Photo:
+    """A segmenter's label map beside the truth; ids without pixels are left out."""
+    labels = segments.labels
+    ids = [i for i in np.unique(labels).tolist() if 0 < i <= len(segments.confidence)]
+    confidence = np.array([segments.confidence[i - 1] for i in ids], np.float64)
+    size = labels.shape[1], labels.shape[0]
+    return Photo(name, size, truth.masks, (truth.unjudged,), [runs(labels == i) for i in ids], confidence)
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,8 +384,8 @@ class Found:
     """One a photo."""
     total: Mapping[str, Any]
     """Counts at 0.5 of all objects together; average precision `ap50`, `ap`, and `ap_by_iou` at COCO's thresholds."""
-    curve: Curve
-    """At 0.5."""
+    precision: Floats
+    """(101,): at 0.5, over recall."""
     reliability: Reliability
 
     def as_dict(self) -> dict[str, Any]:
@@ -275,6 +403,7 @@ def evaluate(
 
     Raises InputError with every photo and map that cannot be read or does not fit, before anything is segmented.
     """
+    require_pycocotools()
     segment: Segment = backend if callable(backend) else registry.make("segment", backend)
     problems = []
     for k, pair in enumerate(pairs):
@@ -285,23 +414,22 @@ def evaluate(
             problems += error.problems
     if problems:
         raise InputError(problems)
-    rows, judged = [], list[tuple[Judged, ...]]()
+    photos = []
     for k, pair in enumerate(pairs):
         progress(pair.name, k, len(pairs))
         truth = pair.read()
-        found = judge_photo(pair.name, truth, masks_of(segment(truth.rgb)))
-        rows.append(found.as_dict())
-        judged.append(found.judged)
-    by_iou = [[one[t] for one in judged] for t in range(len(THRESHOLDS))]
-    ap = [average_precision(photos) for photos in by_iou]
+        photos.append(as_photo(pair.name, truth, segment(truth.rgb)))
+    matched = match(photos)
+    rows = [{"photo": photo.name, **counts([one])} for photo, one in zip(photos, matched.photos, strict=True)]
+    ap = matched.average_precision
     known = [value for value in ap if value is not None]
     total = {
-        **counts(by_iou[0]),
+        **counts(matched.photos),
         "ap50": ap[0],
         "ap": float(np.mean(known)) if known else None,
         "ap_by_iou": [{"iou": round(iou, 2), "ap": value} for iou, value in zip(THRESHOLDS, ap, strict=True)],
     }
-    return Found(rows, total, curve(by_iou[0]), reliability(by_iou[0]))
+    return Found(rows, total, matched.precision[0], reliability(matched.photos))
 
 
 # ---- report ------------------------------------------------------------------------------------------------------
@@ -366,16 +494,13 @@ def illustrated(report: Findings, found: Found) -> Findings:
 
 def plots(found: Found) -> Iterator[Figure]:
     """Of precision over recall, and of calibration."""
-    line, bins = found.curve, found.reliability
+    bins = found.reliability
 
     def precision(axes: Axes, palette: Palette) -> None:
-        axes.plot(line.recall, line.precision, color=palette.blue, linewidth=0.5, alpha=0.6)
-        axes.step(line.recall, line.falling, color=palette.blue, linewidth=1.4, where="pre")
+        axes.step(np.linspace(0, 1, 101), np.maximum(found.precision, 0), color=palette.blue, where="pre")
         axes.set(xlabel="recall", ylabel="precision", xlim=(0, 1), ylim=(0, 1.02))
 
-    yield plotted(
-        precision, "Precision over recall at an IoU of 0.5: as it is (thin), as AP reads it (bold).", 100, 90
-    )
+    yield plotted(precision, "Precision over recall at an IoU of 0.5, as AP reads it.", 100, 90)
 
     def diagram(axes: Axes, palette: Palette) -> None:
         middles = (bins.edges[1:] + bins.edges[:-1]) / 2

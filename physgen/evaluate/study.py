@@ -235,19 +235,17 @@ def check_page(page: Path) -> None:
         raise InputError.of("-o", f'"{page}"', "is no name for a page", "end it in .html, e.g. -o study.html")
 
 
-def write_study(
-    study: Study, page: Path, title: str = TITLE, keep: Callable[[Path], None] = lambda kept: None
-) -> Path:
+def write_study(study: Study, page: Path, keep: Callable[[Path], None] = lambda kept: None) -> Path:
     """The page and its key, whose path is returned. Those of another study are kept as NAME~; `keep` is called."""
     check_page(page)
     page.parent.mkdir(parents=True, exist_ok=True)
     key = page.with_name(f"{page.stem}.key.json")
     write_with_backup(key, study.key.text().encode(), keep)  # first: no page without its key
-    write_with_backup(page, html(study, title).encode(), keep)
+    write_with_backup(page, html(study).encode(), keep)
     return key
 
 
-def html(study: Study, title: str = TITLE) -> str:
+def html(study: Study) -> str:
     """One file that loads nothing from a network. Scenes are numbers, in the order of the clips: names would reveal
     them.
     """
@@ -266,7 +264,7 @@ def html(study: Study, title: str = TITLE) -> str:
     }
     parts = [resource("templates", "study", f"{part}.js").read_text(encoding="utf-8") for part in SCRIPTS]
     page: str = template("study.html.j2").render(
-        title=title,
+        title=TITLE,
         count=len(study.clips),
         questions=QUESTIONS,
         scale=SCALE,

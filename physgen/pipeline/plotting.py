@@ -1,4 +1,4 @@
-"""Scene files -> one figure for a paper: energy, paths, contacts, or strips of frames."""
+"""Scene files -> one figure for a paper: energy, paths, or strips of frames."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from physgen.progress import Progress, silent
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from physgen.report.plots.strip import StripRow
+    from physgen.report.figures import StripRow
     from physgen.scene.scene import Scene
 
 FINER, MOST = 8, 2_000_000
@@ -32,19 +32,13 @@ class PlotRequest:
 
     objects: Sequence[str] = ()
     """Names; empty: all."""
-    curves: Sequence[str] = ()
-    """Below a trajectory's paths: any of x, y, speed, angle."""
     frames: int | Sequence[int] = 5
     """Of a strip, after the photo: so many at even times to the last, or which, from 0."""
-    names: bool = False
-    """Whether a strip's rows have their scenes' names."""
     overrides: Sequence[str] = ()
     variant: str | None = None
     allow_outside: bool = False
     width: float | None = None
     """mm; None: as suits the kind of figure."""
-    dpi: float | None = None
-    """px an inch of a PNG; None: 300, or in a strip so many that frames keep their pixels."""
 
 
 def plot(
@@ -54,59 +48,54 @@ def plot(
     asked: PlotRequest | None = None,
     progress: Progress = silent,
 ) -> Path:
-    """Draws `energy`, `trajectory`, `contacts` or `strip` into `output`, a PNG, SVG or PDF by its ending.
+    """Draws `energy`, `trajectory` or `strip` into `output`, a PNG, SVG or PDF by its ending.
 
     A strip takes several scenes, a row each; the others take one. Returns `output`; raises InputError.
     """
-    from physgen.report.plots.style import check_name, require_matplotlib, write_figure
+    from physgen.report.plot_style import check_name, require_matplotlib, write_figure
 
     asked = asked or PlotRequest()
     check_name(output)
     require_matplotlib()
     if kind == "strip":
-        from physgen.report.plots.strip import strip_figure
+        from physgen.report.figures import strip_figure
 
         rows = [_strip_row(path, asked, progress) for path in paths]
-        figure, name = strip_figure(rows, asked.width, names=asked.names), ", ".join(row.name for row in rows)
+        figure, name = strip_figure(rows, asked.width), ", ".join(row.name for row in rows)
     else:
         scene = load(paths[0], asked.overrides, asked.variant, asked.allow_outside)
         figure, name = _curves(kind, scene, asked, progress), scene.name
     progress("draw", 0, 1)
-    write_figure(figure, output, f"{name}: {kind}", asked.dpi)
+    write_figure(figure, output, f"{name}: {kind}")
     return output
 
 
 def _curves(kind: str, scene: Scene, asked: PlotRequest, progress: Progress) -> Figure:
-    """Energy, trajectory or contacts of one scene."""
-    from physgen.render.contacts import find_impacts, sample_times
-    from physgen.report.plots.curves import contacts_figure, energy_figure, trajectory_figure
-    from physgen.report.plots.style import DPI
+    """Energy or trajectory of one scene."""
+    from physgen.render.contacts import sample_times
+    from physgen.report.figures import energy_figure, trajectory_figure
     from physgen.simulate.engine import simulate as run
 
     _check_names(scene, asked.objects)
     maps = percepts(scene)
     world = compile(scene, maps).world
-    width, dpi = asked.width, asked.dpi or DPI
     progress("simulate", 0, 1)
     bodies = max(len(world.bodies), 1)
     if kind == "energy":  # at ends of steps, where energies are exact
         every = max(1, ceil(world.duration * world.steps_per_second / min(CLOSE, MOST // bodies)))
         ends = np.arange(0, int(world.duration * world.steps_per_second + 1e-6) + 1, every)
-        return energy_figure(scene, world, run(world, ends / world.steps_per_second, progress), width, dpi)
+        seen = run(world, ends / world.steps_per_second, progress)
+        return energy_figure(scene, world, seen, asked.width)
     coarse = simulate(world, progress=progress)
     to_the_end = replace(coarse, times=np.append(coarse.times, world.duration))  # the last frame is before it
     seen = run(world, sample_times(to_the_end, FINER, MOST // bodies), progress)
-    if kind == "trajectory":
-        photo = None if maps is None else maps.rgb
-        objects, curves = asked.objects, asked.curves
-        return trajectory_figure(scene, world, seen, photo, objects=objects, curves=curves, size=(width, dpi))
-    impacts = find_impacts(world, seen, world.duration / max(len(world.times), 1) / FINER)
-    return contacts_figure(scene, world, seen, impacts, asked.objects, width, dpi)
+    photo = None if maps is None else maps.rgb
+    return trajectory_figure(scene, world, seen, photo, asked.objects, asked.width)
 
 
 def _strip_row(path: str | Path, asked: PlotRequest, progress: Progress) -> StripRow:
     """One scene's photo and frames, drawn as `render` draws them; refinement is left out."""
-    from physgen.report.plots.strip import StripRow
+    from physgen.report.figures import StripRow
     from physgen.report.record import RunRecord
 
     scene = load(path, asked.overrides, asked.variant, asked.allow_outside)

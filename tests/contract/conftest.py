@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -58,24 +57,6 @@ def video(tiny: Tiny, tmp_path_factory: pytest.TempPathFactory) -> Callable[...,
         return made[key]
 
     return model
-
-
-@pytest.fixture
-def torchvision_stub(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """In torchvision's place, networks that say the same flow of all pictures: the real ones weigh 600 MB."""
-    from tests.contract.tiny_judges import TORCHVISION
-
-    folder = tmp_path / "stub" / "torchvision" / "models"
-    folder.mkdir(parents=True)
-    for file in (folder.parent / "__init__.py", folder / "__init__.py"):
-        file.write_text("")
-    (folder / "optical_flow.py").write_text(TORCHVISION)
-    for name in [name for name in sys.modules if name.partition(".")[0] == "torchvision"]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.syspath_prepend(folder.parent.parent)
-    yield
-    for name in [name for name in sys.modules if name.partition(".")[0] == "torchvision"]:
-        del sys.modules[name]  # later tests find it missing again
 
 
 @pytest.fixture(scope="session")

@@ -271,28 +271,6 @@ def check_refine(run, rgb, labels, things):
     assert np.array_equal(found, again)
 
 
-def check_features(run, rgb, labels, things):
-    pictures = np.stack([rgb, rgb[::-1], rgb])
-    found = run(pictures)
-    assert found.shape[0] == 3
-    assert found.ndim == 2
-    assert found.dtype == np.float64
-    assert np.isfinite(found).all()
-    assert np.allclose(found[0], found[2])
-    assert not np.allclose(found[0], found[1])
-    assert np.allclose(run(pictures[:1])[0], found[0], atol=1e-4)  # whatever stands beside it
-    assert isinstance(run.comparable, bool)
-    json.dumps(run.note())
-
-
-def check_flow(run, rgb, labels, things):
-    moved = run(rgb, np.roll(rgb, (1, 3), (0, 1)))
-    assert moved.shape == (*labels.shape, 2)
-    assert moved.dtype == np.float32
-    assert np.median(moved[labels > 0], axis=0) == pytest.approx([3, 1], abs=0.2)
-    json.dumps(run.note())
-
-
 CHECKS = {
     name.removeprefix("check_"): check for name, check in list(globals().items()) if name.startswith("check_")
 }
@@ -302,8 +280,6 @@ CHECKS = {
 def test_keeps_to_its_role(row: registry.Backend, scenery, tiny, request: pytest.FixtureRequest):
     if row.name == "vlm":
         request.getfixturevalue("vlm_stub")
-    if "torchvision" in row.needs:
-        request.getfixturevalue("torchvision_stub")
     known = (row.role, row.name) in tiny
     run = registry.make(row.role, row.name, tiny.setup(row.role, row.name) if known else None)
     if row.role in CHECKS:
@@ -321,4 +297,4 @@ def test_keeps_to_its_role(row: registry.Backend, scenery, tiny, request: pytest
 def test_every_role_has_a_check():
     from physgen.perceive.perceive import ROLES
 
-    assert {*ROLES, "refine", "features", "flow"} == set(CHECKS) == set(registry.roles())
+    assert {*ROLES, "refine"} == set(CHECKS) == set(registry.roles())

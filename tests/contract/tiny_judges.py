@@ -1,4 +1,4 @@
-"""Tiny models of `evaluate fid`: a TorchScript that is called as the Inception file is, RAFT's weights."""
+"""Tiny models of `evaluate fid`: a TorchScript that is called as the Inception file is."""
 
 from __future__ import annotations
 
@@ -51,40 +51,4 @@ def scripted(path: Path, network: type[torch.nn.Module] = Judge) -> Path:
     return file
 
 
-TORCHVISION = """
-import torch
-
-class Constant(torch.nn.Module):
-    def __init__(self, channels):
-        super().__init__()
-        self.feature_encoder = torch.nn.Module()
-        self.feature_encoder.convnormrelu = torch.nn.Sequential(torch.nn.Conv2d(3, channels, 7, bias=False))
-        self.shift = torch.nn.Parameter(torch.zeros(2))
-
-    def forward(self, one, other):
-        for picture in (one, other):
-            assert picture.dtype == torch.float32 and picture.shape[1] == 3
-            assert min(picture.shape[2:]) >= 128 and not any(side % 8 for side in picture.shape[2:])
-            assert -1 <= picture.min() < -0.5 and 0.2 < picture.max() <= 1
-        flow = self.shift[None, :, None, None].expand(len(one), 2, *one.shape[2:])
-        return [0 * flow, flow]
-
-def raft_large(weights, progress):
-    assert weights is None
-    return Constant(64)
-
-def raft_small(weights, progress):
-    assert weights is None
-    return Constant(32)
-"""
-
-
-def raft(path: Path, channels: int = 32) -> Path:
-    """Weights alone, as torchvision publishes them."""
-    file = path.with_suffix(".pth")
-    names = {"feature_encoder.convnormrelu.0.weight": torch.zeros(channels, 3, 7, 7)}
-    torch.save({**names, "shift": torch.tensor([3.0, 1.0])}, file)
-    return file
-
-
-MODELS = {("features", "inception"): scripted, ("flow", "raft"): raft}
+MODELS: dict = {}

@@ -14,8 +14,19 @@ from scipy import stats
 from vlm_stub import BALL, Stub, said
 
 from physgen.cli.main import main
-from physgen.evaluate.objects import SHIPPED, Answer, Form, Item, Objects, read_table
-from physgen.evaluate.properties import Asked, ask, findings, masses, order
+from physgen.evaluate.properties import (
+    SHIPPED,
+    Answer,
+    Asked,
+    Form,
+    Item,
+    Objects,
+    ask,
+    findings,
+    masses,
+    order,
+    read_table,
+)
 from physgen.problems import InputError
 from physgen.registry import Backends
 from physgen.simulate.uncertainty import wilson

@@ -1,138 +1,29 @@
-"""Masks against truth: pycocotools says the same, and a case worked out by hand."""
+"""Masks against truth: a case worked out by hand, and calibration."""
 
 from __future__ import annotations
-
-import contextlib
-import io
-from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from physgen.evaluate.ground_truth import Patch, patches
-from physgen.evaluate.segmentation import (
-    RECALLS,
-    THRESHOLDS,
-    Curve,
-    Judged,
-    average_precision,
-    counts,
-    curve,
-    judge,
-    overlaps,
-    reliability,
-)
-
-Masks = list[NDArray[np.bool_]]
-SIZE = 48
+from physgen.evaluate.segmentation import Judged, Photo, Runs, counts, match, reliability, runs
 
 
-def precisions(line: Curve) -> NDArray[np.float64]:
-    """At COCO's recalls, as COCO reports them."""
-    return np.append(line.falling, 0.0)[np.searchsorted(line.recall, RECALLS, side="left")]
-
-
-def random_photo(rng: np.random.Generator) -> tuple[Masks, Masks, NDArray[np.float64]]:
-    """True masks, said masks that may overlap, confidences with many ties."""
-
-    def rectangles(count: int) -> Masks:
-        masks = []
-        for _ in range(count):
-            x, y, w, h = rng.integers(0, 36), rng.integers(0, 36), rng.integers(4, 14), rng.integers(4, 14)
-            mask = np.zeros((SIZE, SIZE), bool)
-            mask[y : y + h, x : x + w] = True
-            masks.append(mask)
-        return masks
-
-    true = rectangles(int(rng.integers(0, 8)))
-    said = rectangles(int(rng.integers(0, 4)))
-    for mask in true:  # near misses: the same moved by a few px, or twice
-        for _ in range(int(rng.integers(0, 3))):
-            said.append(np.roll(mask, rng.integers(-3, 4, 2), (0, 1)))
-    confidence = np.round(rng.random(len(said)), 1)
-    return true, said, confidence
-
-
-def by_pycocotools(photos: list) -> Any:
-    from pycocotools import mask as rle
-    from pycocotools.coco import COCO
-    from pycocotools.cocoeval import COCOeval
-
-    def encode(mask: NDArray[np.bool_]) -> dict:
-        return rle.encode(np.asfortranarray(mask.astype(np.uint8)))
-
-    annotations, results = [], []
-    for k, (true, said, confidence) in enumerate(photos):
-        for mask in true:
-            annotations.append(
-                {
-                    "id": len(annotations) + 1,
-                    "image_id": k,
-                    "category_id": 1,
-                    "iscrowd": 0,
-                    "area": float(mask.sum()),
-                    "segmentation": encode(mask),
-                }
-            )
-        for mask, sure in zip(said, confidence, strict=True):
-            results.append(
-                {"image_id": k, "category_id": 1, "score": float(sure), "segmentation": encode(mask)}
-            )
-    with contextlib.redirect_stdout(io.StringIO()):
-        truth = COCO()
-        truth.dataset = {
-            "info": {},
-            "images": [{"id": k, "width": SIZE, "height": SIZE} for k in range(len(photos))],
-            "annotations": annotations,
-            "categories": [{"id": 1, "name": "thing"}],
-        }
-        truth.createIndex()
-        found = COCOeval(truth, truth.loadRes(results), "segm")
-        found.params.maxDets = [1, 10, 10_000]
-        found.evaluate()
-        found.accumulate()
-    return found
-
-
-@pytest.mark.parametrize("seed", range(12))
-def test_pycocotools_says_the_same(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    photos = [random_photo(rng) for _ in range(8)]
-    theirs = by_pycocotools(photos).eval
-    assert theirs is not None
-    judged = []
-    for true, said, confidence in photos:
-        overlap = overlaps([Patch.of(m) for m in said], [Patch.of(m) for m in true])
-        judged.append([judge(overlap, confidence, t) for t in THRESHOLDS])
-    for t in range(len(THRESHOLDS)):
-        at = [one[t] for one in judged]
-        expected = theirs["precision"][t, :, 0, 0, -1]
-        assert np.abs(precisions(curve(at)) - expected).max() < 1e-9
-        assert average_precision(at) == pytest.approx(float(expected.mean()), abs=1e-9)
-        assert counts(at)["recall"] == pytest.approx(float(theirs["recall"][t, 0, 0, -1]), abs=1e-9)
-
-
-def square(x: int, y: int, side: int = 10) -> Patch:
-    return Patch(x, y, np.ones((side, side), np.bool_))
+def square(x: int, y: int, side: int = 10) -> Runs:
+    mask = np.zeros((120, 120), np.bool_)
+    mask[y : y + side, x : x + side] = True
+    return runs(mask)
 
 
 def test_a_case_worked_out_by_hand() -> None:
     # one square is said twice, one a row off, one is missed, one said where nothing is
     true = [square(0, 0), square(20, 0), square(40, 0)]
     said = [square(0, 0), square(0, 1), square(20, 2), square(100, 0)]
-    confidence = np.array([0.6, 0.9, 0.7, 0.8])
-    overlap = overlaps(said, true)
-    assert overlap[1, 0] == pytest.approx(90 / 110)
-    assert overlap[2, 1] == pytest.approx(80 / 120)
-    judged = judge(overlap, confidence)
-    assert judged.match.tolist() == [
-        -1,
-        0,
-        1,
-        -1,
-    ]  # the surer of the two has the square, though it fits worse
-    assert judged.missed == [2]
+    matched = match([Photo("x", (120, 120), true, (), said, np.array([0.6, 0.9, 0.7, 0.8]))])
+    (judged,) = matched.photos
+    assert judged.confidence.tolist() == [0.9, 0.8, 0.7, 0.6]
+    # the surer of the two has the square, though it fits worse
+    assert judged.overlap == pytest.approx([90 / 110, 0, 80 / 120, 0])
     found = counts([judged])
     assert (found["said"], found["true"], found["hit"]) == (4, 3, 2)
     assert found["precision"] == 0.5
@@ -140,38 +31,33 @@ def test_a_case_worked_out_by_hand() -> None:
     assert found["f"] == pytest.approx(4 / 7)
     assert found["iou"] == pytest.approx((90 / 110 + 80 / 120) / 2)
     # by falling confidence: right, false, right, false; precision 1, 1/2, 2/3, 1/2 at recall 1/3, 1/3, 2/3, 2/3
-    line = curve([judged])
-    assert line.recall.tolist() == pytest.approx([1 / 3, 1 / 3, 2 / 3, 2 / 3])
-    assert line.precision.tolist() == pytest.approx([1, 1 / 2, 2 / 3, 1 / 2])
     # of the recalls 0, 0.01 .. 1, 34 lie up to 1/3, 33 more up to 2/3
-    assert average_precision([judged]) == pytest.approx((34 + 33 * 2 / 3) / 101)
-    strict = judge(overlap, confidence, 0.75)
-    assert counts([strict])["hit"] == 1
+    average = matched.average_precision
+    assert average[0] == pytest.approx((34 + 33 * 2 / 3) / 101)
+    assert average[5] == pytest.approx(34 / 101)  # at an IoU of 0.75, one square is right
 
 
 def test_where_nothing_is_true_shares_have_no_value() -> None:
-    nothing = judge(np.zeros((0, 0)), np.zeros(0))
-    assert average_precision([nothing]) is None
-    assert counts([nothing]) == dict.fromkeys(("said", "true", "hit"), 0) | dict.fromkeys(
+    matched = match([Photo("x", (120, 120), (), (), (), np.zeros(0))])
+    assert matched.average_precision[0] is None
+    assert counts(matched.photos) == dict.fromkeys(("said", "true", "hit"), 0) | dict.fromkeys(
         ("precision", "recall", "f", "iou")
     )
 
 
-def test_patches_hold_every_pixel() -> None:
-    labels = np.random.default_rng(1).integers(0, 5, (30, 40)).astype(np.uint16)
-    whole = np.zeros_like(labels)
-    for i, patch in patches(labels).items():
-        left, top, right, bottom = patch.box
-        whole[top:bottom, left:right][patch.mask] = i
-    assert np.array_equal(whole, labels)
-    found = list(patches(labels).values())
-    assert found[0].shared(found[0]) == found[0].area == int((labels == 1).sum())
-    assert found[0].shared(found[1]) == 0
+def test_where_nobody_judges_nothing_counts() -> None:
+    unjudged = np.zeros((120, 120), np.bool_)
+    unjudged[:, 50:] = True
+    # right; within; mostly within; mostly without
+    said = [square(10, 10), square(70, 10), square(46, 40), square(43, 70)]
+    confidence = np.array([0.9, 0.8, 0.7, 0.6])
+    photo = Photo("x", (120, 120), [square(10, 10)], [runs(unjudged)], said, confidence)
+    found = counts(match([photo]).photos)
+    assert (found["true"], found["said"], found["hit"]) == (1, 2, 1)
 
 
 def said_and_right(confidence: NDArray[np.float64], right: NDArray[np.bool_]) -> Judged:
-    match = np.where(right, np.arange(len(right)), -1)
-    return Judged(confidence, match, right.astype(np.float64), len(right))
+    return Judged(confidence, right.astype(np.float64), len(right))
 
 
 def test_perfect_candour_has_no_error() -> None:

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from physgen.cli.main import main
-from physgen.evaluate.ground_truth import Patch, pairs
-from physgen.evaluate.segmentation import judge_photo
+from physgen.evaluate.segmentation import evaluate, pairs
 from physgen.problems import InputError
 
 DISCS = [(60, 60, 24), (150, 70, 28), (110, 150, 26), (24, 180, 28)]
@@ -160,20 +159,6 @@ def test_what_is_smaller_than_a_pixel_is_there_and_missed(
     assert (row["true"], row["hit"]) == (1, 0)
 
 
-def test_where_nobody_judges_nothing_counts() -> None:
-    def squares(*places: tuple[int, int]) -> tuple[Patch, ...]:
-        return tuple(Patch(x, y, np.ones((10, 10), np.bool_)) for x, y in places)
-
-    from physgen.evaluate.ground_truth import Truth
-
-    unjudged = np.zeros((100, 100), np.bool_)
-    unjudged[:, 50:] = True
-    truth = Truth(np.zeros((100, 100, 3), np.uint8), squares((10, 10)), unjudged)
-    said = squares((10, 10), (70, 10), (46, 40), (43, 70))  # right; within; mostly within; mostly without
-    row = judge_photo("x", truth, (said, np.array([0.9, 0.8, 0.7, 0.6]))).as_dict()
-    assert (row["said"], row["hit"]) == (2, 1)
-
-
 def test_photos_that_stand_alone_are_told_of(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rgb, labels = drawn()
     put(tmp_path / "a.png", rgb)
@@ -246,8 +231,6 @@ def test_every_problem_is_told_at_once(tmp_path: Path) -> None:
     for name in "ab":
         put(tmp_path / f"{name}.png", rgb)
         put(tmp_path / f"{name}.labels.png", labels[:50])
-    from physgen.evaluate.segmentation import evaluate
-
     with pytest.raises(InputError) as error:
         evaluate(pairs(tmp_path)[0])
     assert len(error.value.problems) == 2

@@ -27,8 +27,7 @@ def add(parser: Parser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     from physgen.evaluate.measure import check_folder
-    from physgen.evaluate.objects import SHIPPED, read_table
-    from physgen.evaluate.properties import Asked, ask, findings, plots
+    from physgen.evaluate.properties import SHIPPED, Asked, ask, findings, plots, read_table
     from physgen.registry import Backends, choices, configuration_files, load_plan
 
     check_folder(options.output, plots=True)

@@ -28,9 +28,8 @@ def add(parser: Parser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    from physgen.evaluate.ground_truth import pairs
     from physgen.evaluate.measure import check_folder
-    from physgen.evaluate.segmentation import BARS, evaluate, findings, illustrated
+    from physgen.evaluate.segmentation import BARS, evaluate, findings, illustrated, pairs
     from physgen.registry import Backends, Plan, choices
 
     chosen = choices(options.backend)

@@ -34,13 +34,6 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--key", metavar="FILE", type=Path, help="read answers with the key of their study")
     parser.add_argument("--videos", metavar="N", type=count, help="scenes shown of every method; default: 15")
     parser.add_argument("--seed", metavar="N", type=seed, default=0, help="of what is drawn; default: 0")
-    parser.add_argument(
-        "--photos",
-        metavar="DIR",
-        type=Path,
-        help="photos that the clips begin with, SCENE.png, and what was asked for, SCENE.txt; default: METHODS/photos",
-    )
-    parser.add_argument("--title", metavar="TEXT", help="what stands above the page to rate on")
 
 
 VIDEOS = 15
@@ -53,7 +46,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _make(options: argparse.Namespace) -> int:
     from physgen.evaluate.methods import methods_in
-    from physgen.evaluate.study import TITLE, check_page, make, write_study
+    from physgen.evaluate.study import check_page, make, write_study
     from physgen.report.films import size_warning
 
     if any(path.suffix == ".json" for path in options.paths):
@@ -66,10 +59,10 @@ def _make(options: argparse.Namespace) -> int:
     page: Path = options.output or Path("study.html")
     check_page(page)
     bar = Bar()
-    methods = methods_in(options.paths[0], options.photos)
+    methods = methods_in(options.paths[0])
     made = make(methods, options.videos or VIDEOS, options.seed, bar.show)
     bar.clear()
-    key = write_study(made, page, options.title or TITLE, print_backup)
+    key = write_study(made, page, print_backup)
     if left_out := set(methods.scenes) - set(methods.complete):
         print_error(f"left out, since not every method has made them: {', '.join(sorted(left_out))}")
     if (large := size_warning(page, "name fewer with --videos")) is not None:
@@ -96,9 +89,8 @@ def _read(options: argparse.Namespace) -> int:
     from physgen.evaluate.ratings import files_in, findings, read_answers
     from physgen.evaluate.study import read_key
 
-    for flag in ("videos", "photos", "title"):
-        if getattr(options, flag) is not None:
-            raise InputError.of(f"--{flag}", "", "has no part in reading answers", "leave it out, or --key")
+    if options.videos is not None:
+        raise InputError.of("--videos", "", "has no part in reading answers", "leave it out, or --key")
     check_folder(options.output)
     key = read_key(options.key)
     answers = read_answers(files_in(options.paths, options.key), key)

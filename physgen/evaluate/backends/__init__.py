@@ -1,1 +1,1 @@
-"""What turns pictures into features, and two frames into flow; one file each."""
+"""Models that measures ask."""

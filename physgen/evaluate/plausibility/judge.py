@@ -17,7 +17,7 @@ from physgen.evaluate.measure import Bar, Figure, Findings, Section, Table, coun
 from physgen.evaluate.plausibility.motion import Motion, Segment, Turn, runs
 from physgen.evaluate.plausibility.tracks import Array, Tracks
 from physgen.problems import InputError
-from physgen.report.plots.style import RED, SMALL, Palette, stroke
+from physgen.report.plot_style import RED, SMALL, Palette, stroke
 from physgen.scene.scene import View
 
 if TYPE_CHECKING:

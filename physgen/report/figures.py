@@ -1,28 +1,28 @@
-"""Figures of a motion over time: energy, contacts, and paths with curves below them."""
+"""World and trajectory -> figures for papers, by matplotlib: energy, paths, and strips of frames."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import degrees
 from typing import TYPE_CHECKING, Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import World
 from physgen.geometry.polygon import rotation
-from physgen.render.contacts import Impact
-from physgen.render.scales import largest_round, nearest_round
-from physgen.report.plots.style import (
+from physgen.render.drawing import arrow
+from physgen.render.scales import nearest_round
+from physgen.report.parameters import arrows
+from physgen.report.plot_style import (
     DPI,
     ENERGY,
-    IMPULSE,
     LENGTH,
     MM,
     PALETTE,
+    RED,
     SMALL,
-    SPEED,
     Unit,
     halo,
     named_area,
@@ -40,8 +40,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 U8 = NDArray[np.uint8]
-Pair = tuple[int, int]
-CURVES = ("x", "y", "speed", "angle")
 
 
 @dataclass(frozen=True)
@@ -54,16 +52,6 @@ class CurveStyle:
     """Inches: of the chart of energy."""
     visible: float = 1e-3
     """Of all energy: smaller layers and work are not drawn."""
-    row: float = 0.145
-    """Inches of a pair's row in the chart of contacts."""
-    most_rows: int = 48
-    """Pairs that have a row, those with the largest impulse."""
-    largest: float = 90.0
-    """Square points: the strongest impact's circle."""
-    shortest: float = 0.004
-    """Of the clip: bars of contacts are at least so long."""
-    panel: float = 1.3
-    """Inches: height of a curve's panel."""
     faint: float = 0.38
     """Share of the photo under the paths."""
     moves: float = 2.0
@@ -77,16 +65,14 @@ class CurveStyle:
 STYLE = CurveStyle()
 
 
-def energy_figure(
-    scene: Scene, world: World, trajectory: Trajectory, width: float | None = None, dpi: float = DPI
-) -> Figure:
+def energy_figure(scene: Scene, world: World, trajectory: Trajectory, width: float | None = None) -> Figure:
     """Kinetic, potential and dissipated energy over time, stacked; `width` in mm.
 
     If energy were lost or created, the top of the stack would leave the line of the initial energy plus the work done.
     `trajectory` has many samples, at ends of engine steps.
     """
     with plot_settings():
-        figure = new_figure((width or STYLE.width) / MM, STYLE.height, dpi=dpi, layout="constrained")
+        figure = new_figure((width or STYLE.width) / MM, STYLE.height, dpi=DPI, layout="constrained")
         axes, below = figure.subplots(2, 1, sharex=True, height_ratios=(14, 1))
         _stack(named_area(axes), unit(scene, ENERGY), world, trajectory)
         begins = trajectory.contacts.touch_times[:, 0]
@@ -141,111 +127,24 @@ def _stack(axes: Axes, shown: Unit, world: World, trajectory: Trajectory) -> Non
     shown.label(axes.yaxis, "energy")
 
 
-def contacts_figure(
-    scene: Scene,
-    world: World,
-    trajectory: Trajectory,
-    impacts: Sequence[Impact],
-    objects: Sequence[str] = (),
-    width: float | None = None,
-    dpi: float = DPI,
-) -> Figure:
-    """Contacts as bars over time, a row for each pair, with impacts as circles whose area is the impulse.
-
-    `trajectory` and `impacts` as `render.contacts` finds them; `width` in mm.
-    """
-    surfaces = trajectory.contacts.surfaces
-    end = float(trajectory.times[-1]) if len(trajectory.times) else 0.0
-    rows = _rows(trajectory, impacts, end, {surfaces.index(name) for name in objects})
-    shown = sorted((impact for impact in impacts if impact.pair in rows), key=lambda impact: -impact.impulse)
-    strongest, order, end = (shown[0].impulse if shown else 0.0), list(rows), end or 1.0
-    with plot_settings():
-        height = 0.82 + STYLE.row * max(len(rows), 2)
-        figure = new_figure((width or STYLE.width) / MM, height, dpi=dpi, layout="constrained")
-        axes = named_area(figure.add_subplot())
-        for k, (pair, times) in enumerate(rows.items()):
-            wall = max(pair) >= len(world.bodies)
-            axes.broken_barh(
-                [(begin, max(stop - begin, STYLE.shortest * end)) for begin, stop in times],
-                (k - 0.3, 0.6),
-                color=PALETTE.soft if wall else PALETTE.blue,
-                alpha=0.45,
-                linewidth=0,
-                gid="touch-" + "-".join(surfaces[surface] for surface in pair),
-            )
-        if strongest:
-            shown_in = unit(scene, IMPULSE)
-            value = largest_round(strongest / shown_in.size) * shown_in.size
-            axes.scatter(
-                [impact.time for impact in shown],
-                [order.index(impact.pair) for impact in shown],
-                s=[STYLE.largest * impact.impulse / strongest for impact in shown],
-                color=PALETTE.orange,
-                linewidths=0.5,
-                edgecolors=PALETTE.paper,
-                zorder=3,
-                clip_on=False,
-            )
-            label = f"impact of {shown_in.text(value)}; blue: objects, grey: boundaries"
-            size = STYLE.largest * value / strongest
-            axes.scatter([], [], s=size, color=PALETTE.orange, linewidths=0, label=label)
-            figure.legend(loc="outside upper left")
-        labels = [" – ".join(surfaces[surface] for surface in pair) for pair in rows]
-        axes.set_yticks(range(len(rows)), labels, fontsize=SMALL)
-        axes.tick_params(axis="y", length=0)
-        axes.spines["left"].set_visible(False)
-        axes.hlines(np.arange(len(rows)), 0, end, color=PALETTE.faint, linewidth=0.4, zorder=0)
-        axes.set(xlim=(0, end), ylim=(max(len(rows), 1) - 0.4, -0.6), xlabel="time (s)")
-        figure.draw_without_rendering()
-        return figure
-
-
-def _rows(
-    trajectory: Trajectory, impacts: Sequence[Impact], end: float, objects: set[int]
-) -> dict[Pair, list[tuple[float, float]]]:
-    """Begin and end, s, of the touches of the pairs with the largest impulses, in the order of the first touches."""
-    contacts, found = trajectory.contacts, dict[Pair, list[tuple[float, float]]]()
-    for (first, second), (begin, stop) in zip(
-        contacts.touch_pairs.tolist(), contacts.touch_times.tolist(), strict=True
-    ):
-        if begin <= end and (not objects or objects & {first, second}):
-            found.setdefault((first, second), []).append((begin, min(stop, end)))
-    impulse = dict.fromkeys(found, 0.0)
-    for impact in impacts:
-        if impact.pair in impulse:
-            impulse[impact.pair] += impact.impulse
-    strongest = sorted(found, key=lambda pair: -impulse[pair])[: STYLE.most_rows]
-    return {pair: found[pair] for pair in sorted(strongest, key=lambda pair: (found[pair][0][0], pair))}
-
-
 def trajectory_figure(
     scene: Scene,
     world: World,
     trajectory: Trajectory,
     photo: U8 | None,
-    *,
     objects: Sequence[str] = (),
-    curves: Sequence[str] = (),
-    size: tuple[float | None, float] = (None, DPI),
+    width: float | None = None,
 ) -> Figure:
-    """Paths of objects, and their place, speed or angle over time below.
-
-    `objects` by name; `curves` of CURVES; `photo` (H, W, 3) sRGB lies faintly below the paths; `size`: the width in mm
-    and px an inch.
-    """
+    """Paths of objects, named ones or all; `photo` (H, W, 3) sRGB lies faintly below them; `width` in mm."""
     lines = _lines(world, trajectory, objects)
-    across = (size[0] or STYLE.width) / MM
+    across = (width or STYLE.width) / MM
     high = 0.85 * across * min(world.size[1] / world.size[0], 1.4)
     with plot_settings():
-        rows = 1 + len(curves)
-        total = high + STYLE.panel * len(curves) + 0.5
-        figure = new_figure(across, total, dpi=size[1], layout="constrained")
-        axes = figure.subplots(rows, 1, squeeze=False, height_ratios=[high, *[STYLE.panel] * len(curves)])
-        every = _map(named_area(axes[0, 0]), unit(scene, LENGTH), world, trajectory, photo, lines)
-        for panel, curve in zip(axes[1:, 0], curves, strict=True):
-            _curve(panel, curve, scene, trajectory, lines)
+        figure = new_figure(across, high + 0.5, dpi=DPI, layout="constrained")
+        axes = named_area(figure.subplots())
+        every = _map(axes, unit(scene, LENGTH), world, trajectory, photo, lines)
         if lines:
-            handles, labels = axes[0, 0].get_legend_handles_labels()
+            handles, labels = axes.get_legend_handles_labels()
             title = f"a dot every {every:g} s"
             figure.legend(
                 handles, labels, loc="outside lower center", ncols=4, title=title, title_fontsize=SMALL
@@ -315,21 +214,88 @@ def _map(
     return every
 
 
-def _curve(axes: Axes, curve: str, scene: Scene, trajectory: Trajectory, lines: Lines) -> None:
-    poses, velocities = trajectory.poses, trajectory.velocities
-    if curve == "speed":
-        values, shown = np.hypot(velocities[..., 0], velocities[..., 1]), unit(scene, SPEED)
-    elif curve == "angle":
-        values, shown = poses[..., 2] - poses[:1, :, 2], Unit("°", 1 / degrees(1), si=False)
-    else:
-        values, shown = poses[..., CURVES.index(curve)], unit(scene, LENGTH)
-    for body, how in lines:
-        name = f"{curve}-{trajectory.names[body]}"
-        axes.plot(trajectory.times, values[:, body] / shown.size, gid=name, **how)
-    if curve == "y":
-        axes.invert_yaxis()  # as in the photo, +y is down
-    axes.locator_params(axis="y", nbins=4)
-    axes.set(
-        xlim=(0, (float(trajectory.times[-1]) if len(trajectory.times) else 0.0) or 1.0), xlabel="time (s)"
-    )
-    shown.label(axes.yaxis, curve)
+# ---- strips ------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class StripLayout:
+    """Sizes of a strip."""
+
+    width: float = 174.0
+    """mm."""
+    gap: float = 3.0
+    caption: float = 11.0
+    """Points: between pictures, and of the line of times."""
+    shaft: float = 1.15
+    """Points: the width of an arrow's shaft."""
+
+
+LAYOUT = StripLayout()
+
+
+@dataclass(frozen=True)
+class StripRow:
+    """One scene's row."""
+
+    name: str
+    world: World
+    photo: U8
+    """(H, W, 3) sRGB: its first frame, without overlays."""
+    lens: Array
+    """(2, 3): the photo's px -> those of the first frame."""
+    frames: Sequence[tuple[float, U8]]
+    """s, and (H, W, 3) sRGB."""
+
+    @property
+    def pictures(self) -> list[tuple[str, U8]]:
+        """All of them, with what stands above."""
+        return [("input", self.photo), *((f"{time:.2f} s", rgb) for time, rgb in self.frames)]
+
+
+def strip_figure(rows: Sequence[StripRow], width: float | None = None) -> Figure:
+    """`width` in mm. Frames keep their pixels, those of larger ones are resampled to the width of the smallest.
+
+    The figure's own dpi is such that a pixel of it is one of a frame.
+    """
+    cell = min(row.photo.shape[1] for row in rows)
+    count = max(len(row.pictures) for row in rows)
+    inches = (width or LAYOUT.width) / MM
+    dpi = count * cell / max(inches - (count - 1) * LAYOUT.gap / 72, 0.2 * inches)
+    gap, caption = (round(points * dpi / 72) for points in (LAYOUT.gap, LAYOUT.caption))
+    tall = [max(1, round(cell * row.photo.shape[0] / row.photo.shape[1])) for row in rows]
+    wide, high = count * (cell + gap) - gap, sum(tall) + len(rows) * caption
+    with plot_settings():
+        # a hair more, so that the canvas is not a pixel less for rounding
+        figure = new_figure((wide + 1e-4) / dpi, (high + 1e-4) / dpi, dpi=dpi)
+        top = 0
+        for row, height in zip(rows, tall, strict=True):
+            top += caption
+            for k, (text, rgb) in enumerate(row.pictures):
+                box = (k * (cell + gap) / wide, 1 - (top + height) / high, cell / wide, height / high)
+                axes = figure.add_axes(box, frameon=False)
+                axes.set_axis_off()
+                axes.imshow(_sized(rgb, cell, height), aspect="auto", interpolation="none")
+                axes.set_title(text, fontsize=SMALL, pad=2)
+                if k == 0:
+                    _draw_arrows(axes, row, cell / rgb.shape[1], LAYOUT.shaft * dpi / 72)
+            top += height
+        return figure
+
+
+def _draw_arrows(axes: Axes, row: StripRow, zoom: float, shaft: float) -> None:
+    """Velocities filled, pushes hollow; `zoom`: px of the figure by px of the frame; `shaft`: its width, px."""
+    from matplotlib.patches import Polygon
+
+    for kind, tail, tip, _ in arrows(row.world):
+        at, to = ((row.lens @ [*point, 1.0] + 0.5) * zoom - 0.5 for point in (tail, tip))
+        face, line = (RED, 0.0) if kind == "velocity" else (PALETTE.paper, 0.9)
+        outline = arrow(at, to, shaft)
+        rim = halo(line + 1.4)
+        axes.add_patch(Polygon(outline, facecolor=face, edgecolor=RED, linewidth=line, path_effects=rim))
+
+
+def _sized(rgb: U8, width: int, height: int) -> U8:
+    """(height, width, 3); the very same where that is its size."""
+    if rgb.shape[:2] == (height, width):
+        return rgb
+    return np.asarray(cv2.resize(rgb, (width, height), interpolation=cv2.INTER_AREA), np.uint8)

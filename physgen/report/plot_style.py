@@ -148,13 +148,13 @@ def check_name(path: Path) -> None:
         raise InputError.of("-o", f'"{path}"', "is no name for a figure", "end it in .png, .svg or .pdf")
 
 
-def write_figure(figure: Figure, path: Path, title: str, dpi: float | None = None) -> None:
-    """Atomically; folders are created. Neither time nor machine is recorded. `dpi`: that of the figure unless given."""
+def write_figure(figure: Figure, path: Path, title: str) -> None:
+    """Atomically; folders are created. Neither time nor machine is recorded."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomic(path, figure_bytes(figure, path.suffix.lower()[1:], title, dpi))
+    write_atomic(path, figure_bytes(figure, path.suffix.lower()[1:], title))
 
 
-def figure_bytes(figure: Figure, kind: str, title: str, dpi: float | None = None) -> bytes:
+def figure_bytes(figure: Figure, kind: str, title: str) -> bytes:
     """As `png`, `svg` or `pdf`."""
     about = {
         "png": {"Title": title, "Software": "physgen"},
@@ -164,7 +164,7 @@ def figure_bytes(figure: Figure, kind: str, title: str, dpi: float | None = None
     buffer = io.BytesIO()
     with plot_settings(), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing")  # a box is drawn instead
-        figure.savefig(buffer, format=kind, dpi=dpi or figure.dpi, metadata=about[kind])
+        figure.savefig(buffer, format=kind, dpi=figure.dpi, metadata=about[kind])
     return buffer.getvalue()
 
 
@@ -181,8 +181,6 @@ class Quantity:
 
 
 LENGTH = Quantity("px", "m", 0, 1)
-SPEED = Quantity("px/s", "m/s", 0, 1)
-IMPULSE = Quantity("g·px/s", "N·s", 1, 1)
 ENERGY = Quantity("g·px²/s²", "J", 1, 2)
 
 
@@ -202,14 +200,6 @@ class Unit:
         axis.set_label_text(what if self.si else f"{what} ({self.name})")
         if self.si:
             axis.set_major_formatter(EngFormatter(self.name))
-
-    def text(self, value: float) -> str:
-        """A value in scene units as a number with its unit."""
-        from matplotlib.ticker import EngFormatter
-
-        if not self.si:
-            return f"{value:.3g} {self.name}"
-        return EngFormatter(self.name)(value / self.size)
 
 
 def unit(scene: Scene, of: Quantity) -> Unit:

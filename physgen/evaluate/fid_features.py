@@ -1,10 +1,4 @@
-"""Pictures -> colours and edges of four sizes in fields of the picture; no model. NOT what published FIDs are made
-of.
-
-192 numbers: mean colour in 4 x 4 fields, and the mean strength of edges in four directions and of four sizes in 3 x 3
-fields. Edges are derivatives of a Gaussian times its size (Lindeberg, Feature Detection with Automatic Scale Selection,
-IJCV 30, 1998), which makes sizes alike. All of it is on 128 x 128 px, in tenths of the way from black to white.
-"""
+"""Pictures -> features for Fréchet distances that need no model. NOT what published FIDs are made of."""
 
 from __future__ import annotations
 
@@ -14,7 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from physgen.evaluate.fid import F32, F64, U8, Features
+from physgen.evaluate.fid import F32, F64, U8
 
 SIDE = 128
 """px."""
@@ -30,22 +24,23 @@ LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 
 
 class Bank:
-    """The backend `bank`."""
+    """Colours and edges of four sizes in fields of the picture; no model. NOT what published FIDs are made of.
 
-    comparable = False
+    192 numbers: mean colour in 4 x 4 fields, and the mean strength of edges in four directions and of four sizes in
+    3 x 3 fields. Edges are derivatives of a Gaussian times its size (Lindeberg, Feature Detection with Automatic Scale
+    Selection, IJCV 30, 1998), which makes sizes alike. All of it is on 128 x 128 px, in tenths of the way from black to
+    white.
+    """
+
+    name, comparable = "bank", False
 
     def __call__(self, pictures: U8) -> F64:
         """(N, H, W, 3) sRGB -> (N, 192)."""
         return np.stack([_features(picture) for picture in pictures])
 
     def note(self) -> Mapping[str, Any]:
-        """For the record."""
+        """Its version and size."""
         return {"name": "bank 1", "features": 3 * COLOURS**2 + len(SIZES) * len(TURNS) * EDGES**2}
-
-
-def bank() -> Features:
-    """The backend `bank`."""
-    return Bank()
 
 
 def _features(picture: U8) -> F64:

@@ -1,1 +1,0 @@
-"""World and trajectory -> figures for papers, by matplotlib: energy, paths, contacts, and strips of frames."""
