@@ -5,6 +5,7 @@ pytest loads this module in every session, so that only light modules are import
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,6 @@ import pytest
 from physgen.batch.tolerances import GoldenOptions, Motion, Pixels
 
 if TYPE_CHECKING:
-    from physgen.batch.golden import Check
     from physgen.pipeline import Stages
     from physgen.simulate.trajectory import Trajectory
 
@@ -25,16 +25,6 @@ MISSING_LIBRARY = (
     'physgen_golden needs pytest-regressions: pip install "physgen[golden]"; '
     "where plugins are not loaded by themselves, say -p pytest_datadir.plugin -p pytest_regressions.plugin"
 )
-
-
-def pytest_addoption(parser: pytest.Parser) -> None:
-    """Adds one option; `--force-regen` and the like are pytest-regressions'."""
-    parser.getgroup("physgen").addoption(
-        "--physgen-golden-report",
-        metavar="DIR",
-        help="where physgen_golden writes the page, and the new files, of a clip that differs "
-        "(default: the test's own temporary folder)",
-    )
 
 
 @pytest.fixture(scope="session")
@@ -58,100 +48,58 @@ class GoldenFixture:
 
     def __init__(self, request: pytest.FixtureRequest) -> None:
         self._request = request
-        self._used: dict[Path, Check] = {}
 
-    def __call__(
-        self,
-        scene: str | Path,
-        *,
-        basename: str | None = None,
-        **options: Any,
-    ) -> Trajectory:
+    def __call__(self, scene: str | Path, *, basename: str | None = None, **options: Any) -> Trajectory:
         """Makes the clip and compares it; returns its motion, for further assertions.
 
         `scene` is looked for beside the test's file, then in pytest's rootdir. `options` are fields of GoldenOptions.
         `basename` names the files of a test that checks several clips.
 
-        Raises AssertionError where the clip differs, with the path of a page that shows how; fails where there are no
-        golden files yet, or with `--force-regen`, once they are written.
+        Raises AssertionError where the clip differs; fails where there are no golden files yet, or with
+        `--force-regen`, once they are written.
         """
         __tracebackhide__ = True
         from pytest_regressions.common import perform_regression_check
 
-        from physgen.batch.golden import PICTURE, checked
+        from physgen.batch.golden import PICTURE, differences, make_clip, save
         from physgen.problems import InputError
 
-        golden = GoldenOptions(**options)
-        path, name = self._found(scene)
-        reason = ""
+        wanted, reason = GoldenOptions(**options), ""
         try:
-            check = checked(path, name, self._request.node.nodeid, golden, self._of("_physgen_warm"))
+            trajectory, golden = make_clip(self._found(scene), wanted, self._of("_physgen_warm"))
         except InputError as error:
             reason = str(error)
         if reason:
-            pytest.fail(f"{name} gives no clip:\n{reason}", pytrace=False)
-        original, datadir = self._of("original_datadir"), self._of("lazy_datadir")
-        unwritten = self._of("tmp_path") / "obtained"  # written only where it differs
-        shown: list[Path] = []
+            pytest.fail(f"{scene} gives no clip:\n{reason}", pytrace=False)
+        datadir = self._of("lazy_datadir")
 
-        def dump(file: Path) -> None:
-            if file != unwritten:
-                self._once(file, check)
-                check.write(file)
-
-        def dumped_too(file: Path) -> list[str]:
-            return [str(part) for part in (file.with_suffix(PICTURE), *shown) if part.is_file()]
-
-        def compare(_: Path, expected: Path) -> None:
+        def compare(obtained: Path, expected: Path) -> None:
             __tracebackhide__ = True
-            self._once(original / expected.name, check)
-            picture = datadir / expected.with_suffix(PICTURE).name
-            text, written = check.differs(expected, picture, self._folder(expected.parent))
-            shown.extend(written)
-            if text:
-                raise AssertionError(text)
+            lines = differences(expected, datadir / expected.with_suffix(PICTURE).name, golden, wanted)
+            if lines:
+                text = "\n".join(f"  {line}" for line in (*lines, f"the new files: {obtained}"))
+                raise AssertionError(f"{scene} is not the clip of {expected.name}.\n{text}")
 
         perform_regression_check(
             datadir=datadir,
-            original_datadir=original,
+            original_datadir=self._of("original_datadir"),
             request=self._request,
             check_fn=compare,
-            dump_fn=dump,
-            dump_aux_fn=dumped_too,
+            dump_fn=partial(save, golden),
             extension=ENDING,
             basename=basename,
-            obtained_filename=unwritten,
         )
-        return check.trajectory
+        return trajectory
 
     def _of(self, fixture: str) -> Any:
         """Requested late, so that a session without pytest-regressions can collect the test."""
         return self._request.getfixturevalue(fixture)
 
-    def _folder(self, own: Path) -> Path:
-        """Where pages are written: the test's `own` folder, or below `--physgen-golden-report`."""
-        config = self._request.config
-        chosen = config.getoption("physgen_golden_report")
-        if chosen is None:
-            return own
-        module = Path(self._request.path).with_suffix("")
-        if module.is_relative_to(config.rootpath):
-            return Path(config.invocation_params.dir, chosen, module.relative_to(config.rootpath))
-        return Path(config.invocation_params.dir, chosen, module.name)
-
-    def _found(self, scene: str | Path) -> tuple[Path, str]:
-        """The scene's file, and its name in messages."""
-        config = self._request.config
-        places = [Path(self._request.path).parent, config.rootpath]
+    def _found(self, scene: str | Path) -> Path:
+        """The scene's file."""
+        places = [Path(self._request.path).parent, self._request.config.rootpath]
         for place in places:
             if (path := place / scene).is_file():
-                root = config.rootpath
-                return path, path.relative_to(root).as_posix() if path.is_relative_to(root) else str(scene)
+                return path
         where = " or ".join(map(str, dict.fromkeys(places)))
         pytest.fail(f"there is no scene {scene}, in {where}", pytrace=False)
-
-    def _once(self, file: Path, check: Check) -> None:
-        """Two clips of a test must not share files."""
-        if self._used.setdefault(file, check) is not check:
-            text = f"{file.name} is that of another clip of this test: give each of them a basename"
-            pytest.fail(text, pytrace=False)

@@ -124,8 +124,6 @@ class Manifest:
     """A model refined it, or was to."""
     film: str
     """The name of its films without suffix: `video`, or `unrefined`."""
-    size: tuple[int, int]
-    """Width and height of the frames, px."""
     document: Mapping[str, Any]
     """The resolved scene."""
 
@@ -140,7 +138,6 @@ def read_manifest(folder: Path) -> Manifest:
         refined = bool(data.get("refine"))
         source = data.get("source") or None
         platform = data["platform"]
-        width, height = data["video"]["size"]
         return Manifest(
             source=None if source is None else str(source),
             variant=None if data["variant"] is None else str(data["variant"]),
@@ -154,7 +151,6 @@ def read_manifest(folder: Path) -> Manifest:
             frames=tuple(map(str, data["unrefined" if refined else "frames"])),
             refined=refined,
             film="unrefined" if refined else "video",
-            size=(int(width), int(height)),
             document=dict(data["document"]),
         )
     except (OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):

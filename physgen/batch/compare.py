@@ -24,7 +24,6 @@ U8 = NDArray[np.uint8]
 MISSING = object()
 FILE_KEYS = {("image",), ("assets",)}
 """Keys of a scene that name files, which are compared by content."""
-SCENE_SUFFIXES = (".yaml", ".yml", ".json")
 MAX_VALUE_LENGTH = 60
 """Characters of a value in a message."""
 MAX_NAMED = 3
@@ -236,12 +235,10 @@ def value_text(value: Any) -> str:
     return quoted(json.dumps(value, ensure_ascii=False), "", MAX_VALUE_LENGTH)
 
 
-def changed_files(
-    then: Mapping[str, str], now: Mapping[str, str], ignored: tuple[str, ...] = ()
-) -> Iterator[str]:
-    """A sentence for each input file that differs, by hashes; those with an `ignored` suffix do not count."""
+def changed_files(then: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
+    """A sentence for each input file that differs, by hashes."""
     for name in (*then, *(name for name in now if name not in then)):
-        if then.get(name) != now.get(name) and not name.endswith(ignored):
+        if then.get(name) != now.get(name):
             if name not in then:
                 change = "is read now, was not"
             else:
@@ -253,10 +250,7 @@ def changed_environment(then: Mapping[str, str], now: Mapping[str, str]) -> Iter
     """A sentence for each version or property of the machine that differs, of those that are known of both."""
     for name, value in then.items():
         if name in now and now[name] != value:
-            if name == "sources":
-                yield "physgen's own code has changed"
-            else:
-                yield f"{name} is {quoted(now[name], '', 200)}, was {quoted(value, '', 200)}"
+            yield f"{name} is {quoted(now[name], '', 200)}, was {quoted(value, '', 200)}"
 
 
 def few(texts: Sequence[str], most: int = MAX_NAMED, separator: str = ", ") -> str:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from physgen import pipeline
 from physgen.batch.clips import Manifest, read_manifest
@@ -28,16 +29,14 @@ from physgen.batch.compare import (
     level_differences,
     motion_difference,
 )
-from physgen.export.video import Format, open_video
+from physgen.export.video import Format
 from physgen.files import final_name
 from physgen.pipeline.packs import scene_file
 from physgen.pipeline.stages import Film, Keep, Stages
 from physgen.problems import InputError, Problem
-from physgen.report.folders import temporary_folder
 from physgen.report.record import RunRecord, file_hash, frame_hash, inputs, json_text, versions
 from physgen.scene.scene import Scene
 from physgen.simulate.trajectory import Trajectory, read_trajectory
-from physgen.videos import video_frames
 
 if TYPE_CHECKING:
     from physgen.render.stage import Frame
@@ -81,8 +80,6 @@ class FrameDifference:
     """How many do, of those that both clips have."""
     counts: tuple[int, int]
     """How many frames there were, and are."""
-    film: str = ""
-    """The film of the clip in which pixels are compared; the new one is encoded in the same format."""
     pixels: int = 0
     """Of the first frame: how many differ."""
     levels: int = 0
@@ -100,7 +97,7 @@ class FrameDifference:
                 text += f", how much is not known: {self.unmeasured}"
             else:
                 amount = f"{self.pixels} px by up to {counted(self.levels, 'grey level')}"
-                text += f": {amount if self.pixels else 'nothing that shows'} in {self.film}"
+                text += f": {amount}"
             parts.append(text)
         return "; ".join(parts)
 
@@ -298,53 +295,23 @@ def _frame_difference(
 ) -> FrameDifference | None:
     """None for equal frames."""
     times: dict[int, float] = {}
+    pictures: list[U8] = []
     count, total = 0, now.count()
     for count, frame in enumerate(now.frames(), 1):
         if count <= len(manifest.frames) and frame_hash(frame.rgb) != manifest.frames[count - 1]:
             times[count - 1] = frame.time
+            pictures = pictures or [frame.rgb.copy()]
         progress("render", count, total)
     counts = len(manifest.frames), count
     if not times:
         return None if counts[0] == counts[1] else FrameDifference(min(counts), 0.0, 0, counts)
     first = next(iter(times))
     found = FrameDifference(first, times[first], len(times), counts)
-    kind = _best_film(manifest, undamaged)
-    if now.scene.video_size != manifest.size:
-        sizes = [f"{width} x {height} px" for width, height in (manifest.size, now.scene.video_size)]
-        return replace(found, unmeasured=f"they were {sizes[0]}, and are {sizes[1]}")
-    if kind is None:
-        return replace(found, unmeasured="no film is left as it was written")
-    film = kind.named(manifest.film)
-    levels = _levels(now, kind, folder / film, first)
+    file = f"{Format.PNG.named(manifest.film)}/{first:05d}.png"
+    if file not in undamaged:
+        return replace(found, unmeasured="there are no PNG frames")
+    levels = level_differences(np.asarray(Image.open(folder / file), np.uint8), pictures[0])
     if levels is None:
-        return replace(found, unmeasured=f"{film} cannot be compared")
-    return replace(found, film=film, pixels=int((levels > 0).sum()), levels=int(levels.max()))
-
-
-def _best_film(manifest: Manifest, undamaged: Sequence[str]) -> Format | None:
-    """The film of the clip that lost least, among those that are undamaged."""
-    for kind in (Format.PNG, Format.MP4, Format.WEBP, Format.GIF):
-        file = kind.named(manifest.film)
-        parts = [part for part in manifest.files if part == file or part.startswith(f"{file}/")]
-        if parts and all(part in undamaged for part in parts):
-            return kind
-    return None
-
-
-def _levels(now: _Take, kind: Format, film: Path, index: int) -> NDArray[np.uint8] | None:
-    """(H, W) grey levels by which a frame of the clip's film and of the new one differ, both as decoded."""
-    with temporary_folder() as folder:
-        with open_video(folder, kind, now.scene.video_size, now.scene.render.fps) as write:
-            for frame in now.frames():
-                write(frame.rgb)
-        pair = [_decoded(path, index) for path in (film, folder / kind.file)]
-    if pair[0] is None or pair[1] is None:
-        return None
-    differences = level_differences(pair[0], pair[1])
-    return None if differences is None else np.asarray(differences.max(axis=2), np.uint8)
-
-
-def _decoded(film: Path, index: int) -> U8 | None:
-    if film.is_dir():
-        film, index = film / f"{index:05d}.png", 0
-    return next((frame.rgb for k, frame in enumerate(video_frames(film)) if k == index), None)
+        return replace(found, unmeasured="frames were of another size")
+    levels = levels.max(axis=2)
+    return replace(found, pixels=int((levels > 0).sum()), levels=int(levels.max()))

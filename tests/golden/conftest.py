@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from users import ONE, TABLE, Said, another_library
 
-from physgen.batch.golden import checked
+from physgen.batch.golden import differences, make_clip, save
 from physgen.batch.tolerances import GoldenOptions
 from physgen.pipeline import Stages
 
@@ -17,12 +17,12 @@ def _imported(tmp_path_factory: pytest.TempPathFactory) -> None:
     """All that a check imports: what an inner run imports is forgotten after it, and NumPy bears no second import."""
     folder = tmp_path_factory.mktemp("imported")
     (folder / "scene.yaml").write_text(TABLE)
-    check = checked(folder / "scene.yaml", "scene", "test", GoldenOptions(), Stages())
-    check.write(folder / "a.npz")
+    _, kept = make_clip(folder / "scene.yaml", GoldenOptions(), Stages())
+    save(kept, folder / "a.npz")
     with pytest.MonkeyPatch.context() as patch:
         another_library(patch, 1.0)
-        other = checked(folder / "scene.yaml", "scene", "test", GoldenOptions(), Stages())
-    assert other.differs(folder / "a.npz", folder / "a.webp", folder)[0]
+        _, other = make_clip(folder / "scene.yaml", GoldenOptions(), Stages())
+    assert differences(folder / "a.npz", folder / "a.webp", other, GoldenOptions())
 
 
 @pytest.fixture
