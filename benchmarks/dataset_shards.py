@@ -84,8 +84,7 @@ def _gathered(clips: Path, out: Path) -> dict[str, float]:
 
 
 def _gather(clips: Path, out: Path) -> dict[str, float]:
-    from physgen.batch.dataset import DatasetOptions, gather
-    from physgen.batch.dataset_samples import read_splits
+    from physgen.batch.dataset import DatasetOptions, gather, read_splits
 
     idle, begun = _mib(), time.process_time()
     asked = DatasetOptions("webdataset", read_splits("train=1", seed=0))

@@ -1,6 +1,6 @@
-"""Gather clips into a data set for training, with its card.
+"""Gather clips into a data set for training, with its card; all clips of a photo are in one split.
 
-The folder layout, which Hugging Face's `videofolder` loads; a second run makes only what is missing or has changed:
+The folder layout, which Hugging Face's `videofolder` loads:
 
     train/metadata.jsonl               a row per clip: file_name, caption, and other metadata
     train/<key>/video.mp4              with clip.json, trajectory.npz and labels, a folder per format
@@ -12,6 +12,7 @@ WebDataset shards, which are the same bytes every time:
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 import re
@@ -19,23 +20,31 @@ import shlex
 import shutil
 import tarfile
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any, TextIO
+from pathlib import Path, PurePosixPath
+from typing import Any, BinaryIO
 
 from physgen import __version__
-from physgen.batch.clips import checked_folders, find_clips
-from physgen.batch.dataset_samples import Sample, Splits, read_sample
-from physgen.files import partial, resource, write_atomic
+from physgen.batch.clips import FoundClip, checked_folders, find_clips
+from physgen.batch.values import parse_yaml
+from physgen.files import resource
 from physgen.problems import InputError, Problem
-from physgen.report.folders import atomic_folder, remove_leftovers_once
+from physgen.report.folders import atomic_folder
+from physgen.scene.load import scene_name
 
 DATASET_FILE, CARD = "dataset.json", "README.md"
-SHARD = re.compile(r"shard-\d{6}\.tar")
 ROWS, ABOUT = "metadata.jsonl", "clip.json"
 SIZES = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_000, "100K<n<1M"))
 """Size categories of the Hugging Face Hub."""
+LABELS = "truth"
+"""Folder of a clip's labels."""
+VIDEO, CAPTION = "video.mp4", "events/caption.txt"
+MAX_KEY_LENGTH = 80
+"""Characters of a key, without the digits that make it unique."""
+_UNSAFE = re.compile(r"[^A-Za-z0-9_-]+")
+_SPLIT_NAME = re.compile(r"[a-z][a-z0-9_]{0,30}")
 
 
 @dataclass(frozen=True)
@@ -50,10 +59,94 @@ class DatasetOptions:
     shard_clips: int = 1000
 
     def settings(self) -> dict[str, Any]:
-        """What must not change from run to run."""
+        """For `dataset.json`."""
         settings: dict[str, Any] = {"dataset": 1, "layout": self.layout, "seed": self.splits.seed}
         settings |= {"splits": dict(self.splits.shares), "formats": list(self.formats)}
         return settings | ({"shard_clips": self.shard_clips} if self.layout == "webdataset" else {})
+
+
+@dataclass(frozen=True)
+class Splits:
+    """Names of splits and their shares of the photos, which add up to 1."""
+
+    shares: tuple[tuple[str, float], ...]
+    seed: int
+
+    def of(self, photo: str) -> str:
+        """The split of all clips of a photo, by its SHA-256 and the seed only, so that more photos change nothing.
+
+        >>> even = Splits((("train", 0.5), ("test", 0.5)), 0)
+        >>> [even.of(photo) for photo in "abcdef"]
+        ['test', 'test', 'test', 'train', 'test', 'train']
+        """
+        digest = hashlib.sha256(f"{self.seed}:{photo}".encode()).digest()
+        place = (int.from_bytes(digest[:8], "big") >> 12) / 2**52
+        for name, share in self.shares:
+            if place < share:
+                return name
+            place -= share
+        return self.shares[-1][0]  # the shares add up to less by rounding
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the splits."""
+        return tuple(name for name, _ in self.shares)
+
+
+def read_splits(text: str, seed: int) -> Splits:
+    """Parses `train=0.8,test=0.2`. Raises InputError."""
+    shares: dict[str, float] = {}
+    for part in text.split(","):
+        name, _, share = (piece.strip() for piece in part.partition("="))
+        try:
+            value = float(share)
+        except ValueError:
+            value = -1.0
+        if not _SPLIT_NAME.fullmatch(name) or not 0 < value <= 1 or name in shares:
+            fix = "write e.g. train=0.8,validation=0.1,test=0.1"
+            found = "is no split with its share of the photos"
+            raise InputError.of("--split", f'"{part.strip()}"', found, fix)
+        shares[name] = value
+    total = sum(shares.values())
+    if abs(total - 1) > 1e-6:
+        raise InputError.of("--split", f'"{text}"', f"adds up to {total:.6g}", "make the shares add up to 1")
+    return Splits(tuple(shares.items()), seed)
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """One file; thousands are held for a shard."""
+
+    name: str
+    """In the sample: `video.mp4`, or `format/...` of a label."""
+    file: str
+    """In the clip's folder."""
+    size: int
+    """Bytes."""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One clip in the data set."""
+
+    key: str
+    """Letters, digits, - and _: the name of the sample."""
+    split: str
+    folder: Path
+    members: tuple[Member, ...]
+    """The video first."""
+    about: Mapping[str, Any]
+    """Metadata as JSON."""
+
+    @property
+    def size(self) -> int:
+        """Bytes of all files."""
+        return sum(member.size for member in self.members)
+
+    @property
+    def caption(self) -> str:
+        """Empty where there is none."""
+        return str(self.about["caption"])
 
 
 @dataclass
@@ -82,148 +175,188 @@ class Count:
         return {**vars(self), "photos": len(self.photos), "seconds": round(self.seconds, 6)}
 
 
+def key(name: str) -> str:
+    """The end of a path in safe characters, with a hash of the whole that makes it unique.
+
+    >>> key("sweep/00-1,mass=2.5")
+    'sweep_00-1-mass-2-5-261caf6945'
+    """
+    text = _UNSAFE.sub("-", name.replace("/", "_")).strip("-")[-MAX_KEY_LENGTH:]
+    return f"{text}-{hashlib.sha256(name.encode('utf-8', 'surrogateescape')).hexdigest()[:10]}"
+
+
+def read_sample(clip: FoundClip, splits: Splits, formats: Collection[str]) -> Sample:
+    """With labels of the `formats`, of all where there are none. Raises InputError where the clip cannot be used."""
+    manifest = clip.manifest
+    if manifest is None:
+        raise InputError.of(str(clip.folder), "", "has no manifest that can be read", "render it again")
+    try:
+        members = tuple(_members(clip.folder, manifest["files"], formats))
+        about = _about(clip, manifest, members, splits)
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError):
+        raise InputError.of(str(clip.folder), "", "has a damaged manifest", "render it again") from None
+    return Sample(about["key"], about["split"], clip.folder, members, about)
+
+
+def _members(folder: Path, files: Mapping[str, str], formats: Collection[str]) -> Iterator[Member]:
+    """Raises InputError where a file is missing, or there is no video."""
+    if VIDEO not in files:
+        raise InputError.of(str(folder), "", f"has no {VIDEO}", "render it with --export")
+    chosen = {name: name for name in (VIDEO, "trajectory.npz") if name in files}
+    labels = {name.removeprefix(f"{LABELS}/"): name for name in files if name.startswith(f"{LABELS}/")}
+    for label, name in sorted(labels.items()):
+        if not formats or label.partition("/")[0] in formats:
+            chosen[label] = name
+    for name, file in chosen.items():
+        for path in map(PurePosixPath, (name, file)):  # a manifest is untrusted
+            if ".." in path.parts or path.is_absolute():
+                raise ValueError(file)
+        try:
+            size = (folder / file).stat().st_size
+        except OSError:
+            raise _missing(folder / file) from None
+        yield Member(name, file, size)
+
+
+def _missing(path: Path) -> InputError:
+    return InputError.of(str(path), "", "is missing", "render the clip again")
+
+
+def _about(
+    clip: FoundClip, manifest: Mapping[str, Any], members: Collection[Member], splits: Splits
+) -> dict[str, Any]:
+    document, video = manifest["document"], manifest["video"]
+    photo = photo_of(document, manifest["inputs"])
+    width, height = map(int, video["size"])
+    frames, fps = len(manifest["frames"]), float(video["fps"])
+    formats = sorted({member.name.partition("/")[0] for member in members if "/" in member.name})
+    source = manifest.get("source")
+    refine = manifest.get("refine")
+    return {
+        "key": key(clip.name),
+        "clip": clip.name,
+        "scene": scene_name(Path(source)) if source else str(manifest["scene"]),
+        "variant": manifest["variant"] or "",
+        # as text: readers that make columns of it need the same ones in every clip
+        "parameters": json.dumps(dict(map(_parameter, manifest["overrides"])), ensure_ascii=False),
+        "caption": _caption(clip.folder, manifest["files"]),
+        "split": splits.of(photo),
+        "photo": photo,
+        "frames": frames,
+        "fps": fps,
+        "seconds": frames / fps,
+        "duration": float(document["world"]["duration"]),
+        "width": width,
+        "height": height,
+        "objects": [
+            {"name": name, "label": str(item.get("label") or "")}
+            for name, item in document["objects"].items()
+        ],
+        "labels": formats,
+        "refined": str(refine["backend"]) if refine else "",
+        "physgen": str(manifest["versions"]["physgen"]),
+    }
+
+
+def photo_of(document: Mapping[str, Any], inputs: Mapping[str, str]) -> str:
+    """SHA-256 of the photo; without one, of the scene file."""
+    image = document.get("image")
+    if image is not None:
+        name = PurePosixPath(str(image)).name
+        for path, digest in inputs.items():
+            if path == str(image) or PurePosixPath(path).name == name:
+                return digest
+    return next(iter(inputs.values()))
+
+
+def _parameter(text: str) -> tuple[str, Any]:
+    """`KEY=VALUE`, as `--set` takes it."""
+    name, _, value = str(text).partition("=")
+    try:
+        return name, parse_yaml(value).data
+    except InputError:
+        return name, value
+
+
+def _caption(folder: Path, files: Mapping[str, str]) -> str:
+    if f"{LABELS}/{CAPTION}" not in files:
+        return ""
+    path = folder / LABELS / CAPTION
+    try:
+        return path.read_text(encoding="utf-8").strip()
+    except OSError:
+        raise _missing(path) from None
+
+
 @dataclass
 class DatasetSummary:
     """What was done."""
 
     counts: dict[str, Count]
     """By split."""
-    made: int = 0
-    kept: int = 0
     left_out: int = 0
     """Clips that cannot be used."""
-    strays: int = 0
-    """Folders of clips that lie there and are not of this data set."""
-    lacking: Mapping[str, int] = field(default_factory=dict)
-    """Requested formats -> number of clips that lack them."""
+    formats: Counter[str] = field(default_factory=Counter)
+    """Number of clips that have labels of a format."""
     files: Sequence[Path] = ()
     """Those that readers open, the card first."""
 
+    @property
+    def total(self) -> int:
+        """Number of clips."""
+        return sum(count.clips for count in self.counts.values())
+
 
 class Folders:
-    """The folder layout. Only complete files appear."""
+    """The folder layout."""
 
-    def __init__(self, root: Path) -> None:
-        self._root = root
-        self._rows: dict[str, TextIO] = {}
-        self._keys: dict[str, set[str]] = {}
-        self.made = self.kept = 0
-        """Samples that were written, and that were there unchanged."""
+    def __init__(self, root: Path, stack: ExitStack) -> None:
+        self._root, self._stack = root, stack
+        self._rows: dict[str, BinaryIO] = {}
 
     def add(self, sample: Sample) -> None:
-        """Writes the sample's folder, unless it is there unchanged, and its row."""
-        home = self._root / sample.split / sample.key
-        if _folder_digest(home) == sample.digest:
-            self.kept += 1
-        else:
-            with atomic_folder(home) as folder:
-                for member in sample.members:
-                    place = folder / member.name
-                    place.parent.mkdir(parents=True, exist_ok=True)
-                    shutil.copyfile(sample.folder / member.file, place)
-                (folder / ABOUT).write_bytes(_json_line({**sample.about, "digest": sample.digest}))
-            self.made += 1
+        """Writes the sample's folder and its row."""
+        split = self._root / sample.split
+        home = split / sample.key
+        for member in sample.members:
+            place = home / member.name
+            place.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(sample.folder / member.file, place)
+        (home / ABOUT).write_bytes(_json_line(sample.about))
         if sample.split not in self._rows:
-            path = partial(self._root / sample.split / ROWS)
-            self._rows[sample.split] = path.open("w", encoding="utf-8")
+            self._rows[sample.split] = self._stack.enter_context((split / ROWS).open("wb"))
         row = {"file_name": f"{sample.key}/{sample.members[0].name}", **sample.about}
-        self._rows[sample.split].write(_json_line(row).decode())
-        self._keys.setdefault(sample.split, set()).add(sample.key)
-
-    def close(self, *, complete: bool) -> list[Path]:
-        """Publishes the rows, or removes unfinished ones; returns the files that readers open."""
-        made = []
-        for split, rows in self._rows.items():
-            rows.close()
-            path = self._root / split / ROWS
-            if complete:
-                made.append(partial(path).replace(path))
-            else:
-                partial(path).unlink(missing_ok=True)
-        return sorted(made)
-
-    def strays(self) -> int:
-        """Folders of clips of earlier runs: they are not removed, as they may be wanted."""
-        return sum(
-            path.is_dir() and path.name[0] != "." and path.name not in keys
-            for split, keys in self._keys.items()
-            for path in (self._root / split).iterdir()
-        )
-
-
-def _folder_digest(home: Path) -> str | None:
-    """Of the sample in a folder."""
-    try:
-        return str(json.loads((home / ABOUT).read_bytes())["digest"])
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
+        self._rows[sample.split].write(_json_line(row))
 
 
 class Shards:
-    """WebDataset shards; those of an earlier run are written again."""
+    """WebDataset shards."""
 
-    kept = 0
-
-    def __init__(self, root: Path, most_clips: int) -> None:
-        self._root, self._most_clips = root, most_clips
+    def __init__(self, root: Path, stack: ExitStack, most_clips: int) -> None:
+        self._root, self._stack, self._most_clips = root, stack, most_clips
         self._open: dict[str, tarfile.TarFile] = {}
-        """The unfinished shard of each split."""
+        """The last shard of each split."""
         self._counts: Counter[str] = Counter()
         """Samples of each split."""
-        self.made = 0
 
     def add(self, sample: Sample) -> None:
         """Adds the sample to the last shard of its split."""
         split = sample.split
-        path = self._path(split, self._counts[split] // self._most_clips)
-        if split not in self._open:
+        number, inside = divmod(self._counts[split], self._most_clips)
+        if inside == 0:
+            if split in self._open:
+                self._open[split].close()
+            path = self._root / split / f"shard-{number:06d}.tar"
             path.parent.mkdir(parents=True, exist_ok=True)
-            remove_leftovers_once(path.parent)
-            self._open[split] = tarfile.open(partial(path), "w", format=tarfile.PAX_FORMAT)  # noqa: SIM115
+            tar = tarfile.open(path, "w", format=tarfile.PAX_FORMAT)  # noqa: SIM115
+            self._open[split] = self._stack.enter_context(tar)
         for name, source in _entries(sample):
             with io.BytesIO(source) if isinstance(source, bytes) else source.open("rb") as file:
                 header = tarfile.TarInfo(name)  # without time and owner
                 header.size = file.seek(0, io.SEEK_END)
                 file.seek(0)
                 self._open[split].addfile(header, file)
-        self.made += 1
         self._counts[split] += 1
-        if self._counts[split] % self._most_clips == 0:
-            self._finish(split, path)
-
-    def _path(self, split: str, number: int) -> Path:
-        return self._root / split / f"shard-{number:06d}.tar"
-
-    def _finish(self, split: str, path: Path) -> None:
-        self._open.pop(split).close()
-        partial(path).replace(path)
-
-    def close(self, *, complete: bool) -> list[Path]:
-        """Publishes the last shards; returns all."""
-        paths = []
-        for split, count in self._counts.items():
-            number = -(-count // self._most_clips)
-            last = self._path(split, number - 1)
-            if split in self._open and complete:
-                self._finish(split, last)
-            paths += [self._path(split, k) for k in range(number)]
-        for tar in self._open.values():
-            tar.close()
-            Path(str(tar.name)).unlink(missing_ok=True)
-        if complete:
-            found = (path for split in self._counts for path in (self._root / split).glob("shard-*.tar"))
-            _remove_others((path for path in found if SHARD.fullmatch(path.name)), paths)
-        return sorted(paths)
-
-    def strays(self) -> int:
-        """None: they were removed."""
-        return 0
-
-
-def _remove_others(paths: Iterable[Path], ours: Sequence[Path]) -> None:
-    """Removes files of an earlier run that this one did not write."""
-    for path in [path for path in paths if path not in ours]:
-        path.unlink()
 
 
 def _entries(sample: Sample) -> Iterator[tuple[str, bytes | Path]]:
@@ -248,40 +381,34 @@ def gather(
     warn: Callable[[Problem], None],
     progress: Callable[[int], None] = lambda count: None,
 ) -> DatasetSummary:
-    """Makes a data set in `out` of the clips below `roots`; clips that cannot be used are warned of and left out.
+    """Makes a data set in the new folder `out`, complete or not at all, of the clips below `roots`.
 
-    Raises InputError where the folders or `out` cannot be used, or where there is no clip.
+    Clips that cannot be used are warned of and left out. Raises InputError where the folders or `out` cannot be used,
+    or where there is no clip.
     """
     roots = checked_folders(roots)
-    _check_output(out, options, roots)
+    _check_output(out, roots)
     summary = DatasetSummary({name: Count() for name in options.splits.names})
-    formats: Counter[str] = Counter()
-    layout = Folders(out) if options.layout == "folder" else Shards(out, options.shard_clips)
-    total = 0
-    try:
-        for total, sample in enumerate(_samples(roots, options, summary, warn), 1):
-            if total == 1:
-                out.mkdir(parents=True, exist_ok=True)
-                write_atomic(out / DATASET_FILE, _json(options.settings()))
-            layout.add(sample)
-            summary.counts[sample.split].add(sample)
-            formats.update(sample.about["labels"])
-            progress(total)
-        if not total:
+    with atomic_folder(out) as folder:
+        with ExitStack() as stack:
+            folders = options.layout == "folder"
+            layout = Folders(folder, stack) if folders else Shards(folder, stack, options.shard_clips)
+            for total, sample in enumerate(_samples(roots, options, summary, warn), 1):
+                layout.add(sample)
+                summary.counts[sample.split].add(sample)
+                summary.formats.update(sample.about["labels"])
+                progress(total)
+        if not summary.total:
             fix = "name folders that physgen rendered or exported into"
             found = "holds no clip that can be used"
             raise InputError.of(", ".join(map(str, roots)), "", found, fix)
-    except BaseException:
-        layout.close(complete=False)
-        raise
-    files = layout.close(complete=True)
-    write_atomic(out / CARD, _card(options, summary, sorted(formats), command, files).encode())
-    counts = {name: count.as_dict() for name, count in summary.counts.items()}
-    write_atomic(out / DATASET_FILE, _json({**options.settings(), "physgen": __version__, "counts": counts}))
-    summary.strays = layout.strays()
-    summary.made, summary.kept = layout.made, layout.kept
-    summary.lacking = {name: total - formats[name] for name in options.formats if formats[name] < total}
-    summary.files = [out / CARD, *files]
+        files = sorted(folder.glob(f"*/{ROWS}" if folders else "*/shard-*.tar"))
+        (folder / CARD).write_text(_card(options, summary, command, files), encoding="utf-8")
+        counts = {name: count.as_dict() for name, count in summary.counts.items()}
+        content = {**options.settings(), "physgen": __version__, "counts": counts}
+        text = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
+        (folder / DATASET_FILE).write_text(text, encoding="utf-8")
+    summary.files = [out / CARD, *(out / path.relative_to(folder) for path in files)]
     return summary
 
 
@@ -307,45 +434,29 @@ def _samples(
         yield sample
 
 
-def _check_output(out: Path, options: DatasetOptions, roots: Sequence[Path]) -> None:
-    """The folder must be empty or new, or hold a data set of the same settings. Raises InputError."""
+def _check_output(out: Path, roots: Sequence[Path]) -> None:
+    """The folder must be empty or new, and apart from those that are read. Raises InputError."""
     if out.exists() and not out.is_dir():
         raise InputError.of(str(out), "", "is a file", "name a folder with -o")
     for root in roots:
         mine, read = out.resolve(), root.resolve()
         if mine.is_relative_to(read) or read.is_relative_to(mine):
             place = "holds" if mine in read.parents else "lies in"
-            raise InputError.of(
-                str(out), "", f"{place} {root}, which is read", "name a folder beside it with -o"
-            )
-    if not out.exists() or not any(out.iterdir()):
-        return
-    try:
-        content = json.loads((out / DATASET_FILE).read_bytes())
-        ours = bool(content["dataset"] == 1)
-    except (OSError, ValueError, KeyError, TypeError):
-        ours = False
-    if not ours:
-        found = "is not empty and holds no data set of ours"
-        raise InputError.of(str(out), "", found, "choose another folder with -o")
-    for name, value in options.settings().items():
-        if content.get(name) != value:
-            before, now = ("all" if v == [] else json.dumps(v) for v in (content.get(name), value))
-            found = f"holds a data set with {name} {before}, not {now}"
-            raise InputError.of(str(out), "", found, "choose another folder with -o, or remove it")
+            fix = "name a folder beside it with -o"
+            raise InputError.of(str(out), "", f"{place} {root}, which is read", fix)
+    if out.exists() and any(out.iterdir()):
+        raise InputError.of(str(out), "", "is not empty", "choose another folder with -o, or remove it")
 
 
 def _card(
     options: DatasetOptions,
     summary: DatasetSummary,
-    formats: Sequence[str],
     command: Sequence[str],
     files: Sequence[Path],
 ) -> str:
     """README.md with the front matter of the Hugging Face Hub."""
     import jinja2
 
-    total = sum(count.clips for count in summary.counts.values())
     there = [name for name in options.splits.names if summary.counts[name].clips]
     shards = Counter(path.parent.name for path in files)
     text = resource("templates", "dataset.md.j2").read_text(encoding="utf-8")
@@ -354,16 +465,12 @@ def _card(
         layout=options.layout,
         counts=summary.counts,
         splits=options.splits,
-        formats=formats,
-        total=total,
+        formats=sorted(summary.formats),
+        total=summary.total,
         there=there,
-        size=next((name for most, name in SIZES if total < most), "n>1M"),
+        size=next((name for most, name in SIZES if summary.total < most), "n>1M"),
         last=shards[there[0]] - 1,
         command=shlex.join(command),
         version=__version__,
     )
     return card
-
-
-def _json(data: Mapping[str, Any]) -> bytes:
-    return (json.dumps(data, indent=1, ensure_ascii=False) + "\n").encode()

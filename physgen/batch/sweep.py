@@ -1,4 +1,4 @@
-"""A sweep: clips computed from their number alone, their names, and a check before anything is rendered.
+"""A sweep: clips computed from their number alone, their names, a check before anything is rendered, and its files.
 
 The order of clips: variants are outermost, then the keys of the grid in the order of the arguments, the last one
 fastest. At every point of the grid stand the same draws, so that points differ in the grid's keys only.
@@ -10,21 +10,32 @@ sweep. Adding a value at the end of an axis, or draws, leaves the other names as
 
 from __future__ import annotations
 
+import json
+import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from functools import cached_property
+from functools import cached_property, lru_cache
+from hashlib import sha256
 from math import prod
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from physgen.batch.axes import Axis, Drawn, Listed, same_key
-from physgen.batch.distributions import draw, latin_draw
-from physgen.batch.values import Value
-from physgen.problems import InputError, Problem
-from physgen.report.sweep_keys import shortest_names
+from physgen.batch.run import Done
+from physgen.batch.values import Value, cell
+from physgen.files import back_up
+from physgen.problems import InputError, Place, Problem, Severity
+from physgen.report.record import file_hash, versions, write_json
+from physgen.report.sweep_keys import shortest_names, unit
 from physgen.scene.load import Opened
 from physgen.scene.scene import Scene
+from physgen.simulate.trajectory import REST_DURATION, REST_SPEED, REST_TURN, START_TIME
+from physgen.tables import Cell, Column, Kind
 from physgen.text import quoted
 
 MAX_CLIPS = 10_000_000
@@ -34,6 +45,12 @@ MAX_VALUE_LENGTH = 24
 """Characters of a value in a name."""
 MAX_CHECKED_VARIANTS = 50
 """So that no sweep begins with a long wait."""
+
+
+SWEEP_FILE = "sweep.json"
+TABLES = ("sweep.csv", "sweep.parquet")
+NOT_OURS = "is there already and was not made by physgen"
+NOT_OURS_FIX = "move it away, or choose another folder with -o"
 
 
 class Design(Enum):
@@ -81,7 +98,7 @@ class Sweep:
         rest, draw_number = divmod(number, max(self.samples, 1))
         indices: list[int] = []
         for axis in reversed(self._grid):
-            rest, index = divmod(rest, len(axis))
+            rest, index = divmod(rest, len(axis.values))
             indices.insert(0, index)
         values = self._values(iter(indices), draw_number)
         variant = self.variants[rest]
@@ -96,7 +113,7 @@ class Sweep:
 
     @property
     def _sizes(self) -> list[int]:
-        return [*map(len, self._grid), max(self.samples, 1), len(self.variants)]
+        return [*(len(axis.values) for axis in self._grid), max(self.samples, 1), len(self.variants)]
 
     @cached_property
     def _grid(self) -> tuple[Listed, ...]:
@@ -110,7 +127,7 @@ class Sweep:
         found = []
         for axis in self.axes:
             if isinstance(axis, Listed):
-                found.append(axis.at(next(indices)))
+                found.append(axis.values[next(indices)])
             elif self.design is Design.LATIN:
                 share = latin_draw(self.seed, same_key(axis), draw_number, self.samples)
                 found.append(axis.distribution.at(share))
@@ -125,8 +142,26 @@ class Sweep:
     def typical(self) -> tuple[Value, ...]:
         """The first value of each list and the median of each distribution."""
         return tuple(
-            axis.at(0) if isinstance(axis, Listed) else axis.distribution.at(0.5) for axis in self.axes
+            axis.values[0] if isinstance(axis, Listed) else axis.distribution.at(0.5) for axis in self.axes
         )
+
+
+def draw(seed: int, key: str, number: int) -> float:
+    """A draw of the uniform distribution over 0 < x < 1, independent for every seed, key and number."""
+    digest = sha256(f"{seed}\n{key}\n{number}".encode()).digest()
+    return ((int.from_bytes(digest[:8], "big") >> 12) + 0.5) / 2**52
+
+
+def latin_draw(seed: int, key: str, number: int, count: int) -> float:
+    """The same as one of `count` draws of a Latin hypercube (McKay and others 1979): one in each of `count` strata."""
+    return float(_latin_column(seed, key, count)[number])
+
+
+@lru_cache(maxsize=64)
+def _latin_column(seed: int, key: str, count: int) -> NDArray[np.float64]:
+    """(count,): draws of one key; the keys are independent, so that another key changes none of them."""
+    random = np.random.default_rng(int.from_bytes(sha256(f"{seed}\n{key}".encode()).digest(), "big"))
+    return np.asarray((random.permutation(count) + random.uniform(2**-20, 1 - 2**-20, count)) / count)
 
 
 def planned(
@@ -237,3 +272,102 @@ def _scene(
             replace(problem, place=places.get(problem.place.file, problem.place))
             for problem in error.problems
         ) from None
+
+
+def table_columns(sweep: Sweep, outcomes: Sequence[Column]) -> tuple[Column, ...]:
+    """Columns of the table: the clip, its values, its state, its outcomes and its files."""
+    lead = (Column("number", Kind.WHOLE), *_texts("name", "variant", "folder"))
+    keys = (Column(axis.key, axis.kind, unit(_numbered(axis.path))) for axis in sweep.axes)
+    return (*lead, *keys, *_texts("state", "error"), *outcomes, *_texts("video", "manifest"))
+
+
+def _texts(*names: str) -> tuple[Column, ...]:
+    return tuple(Column(name, Kind.TEXT) for name in names)
+
+
+def _numbered(path: Sequence[str | int]) -> tuple[str | int, ...]:
+    """With integers for indices: `velocity.0` is one spelling of `velocity[0]`."""
+    return tuple(int(part) if str(part).isdecimal() else part for part in path)
+
+
+def table_row(sweep: Sweep, point: Point, done: Done) -> dict[str, Cell]:
+    """Cells by the names of columns; paths are relative to the sweep's folder."""
+    cells: dict[str, Cell] = {"number": point.number, "name": point.name, "variant": point.variant or ""}
+    for axis, value in zip(sweep.axes, point.values, strict=True):
+        cells[axis.key] = cell(value, axis.kind)
+    if done.folder is None:
+        errors = (str(problem) for problem in done.problems if problem.severity is Severity.ERROR)
+        return cells | {"state": "failed", "error": " | ".join(errors)}
+    files: dict[str, Cell] = {
+        "folder": point.name,
+        "video": f"{point.name}/{done.job.options.formats[0].file}",
+        "manifest": f"{point.name}/manifest.json",
+    }
+    return cells | {"state": "done"} | files | dict(done.outcomes or {})
+
+
+def sweep_record(sweep: Sweep, scene: str, out: str, **more: Any) -> dict[str, Any]:
+    """Content of `sweep.json`; `more` is added: overrides, formats, the command."""
+    return {
+        "sweep": 1,
+        "scene": Path(os.path.relpath(Path(scene).resolve(), Path(out).resolve())).as_posix(),
+        "sha256": file_hash(Path(scene)),
+        "clips": len(sweep),
+        **_settings(sweep),
+        **more,
+        "versions": versions(),
+        "rest": {"px/s": REST_SPEED, "degrees/s": REST_TURN, "lasting s": REST_DURATION},
+        "start s": START_TIME,
+    }
+
+
+def _settings(sweep: Sweep) -> dict[str, Any]:
+    """What the clips follow from, besides the scene."""
+    return {
+        "axes": [
+            {"key": axis.key, "values": axis.argument.partition("=")[2].strip()}
+            | ({"count": len(axis.values)} if isinstance(axis, Listed) else {"drawn": True})
+            for axis in sweep.axes
+        ],
+        "variants": list(sweep.variants),
+        "samples": sweep.samples,
+        "seed": sweep.seed,
+        "design": sweep.design.value,
+    }
+
+
+def read_sweep_record(folder: Path) -> dict[str, Any] | None:
+    """The `sweep.json` of a folder; None where physgen wrote none there."""
+    try:
+        record = json.loads((folder / SWEEP_FILE).read_text(encoding="utf-8"))
+        return record if record["sweep"] == 1 else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def begin(folder: Path, record: Mapping[str, Any], sweep: Sweep) -> list[Problem]:
+    """Writes `sweep.json` into the sweep's folder; returns warnings. Raises InputError and OSError.
+
+    No file of the user is overwritten: a `sweep.json` or table that physgen did not write is refused, and the tables
+    of another sweep are kept as `NAME~`.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise InputError.of("-o", f'"{folder}"', "is a file", "name a folder")
+    before = read_sweep_record(folder)
+    if before is None:
+        for name in (SWEEP_FILE, *TABLES):
+            if (folder / name).exists():
+                raise InputError.of(str(folder / name), "", NOT_OURS, NOT_OURS_FIX)
+    kept: list[Path] = []
+    if before is not None and any(before.get(key) != value for key, value in _settings(sweep).items()):
+        for name in TABLES:
+            back_up(folder / name, kept.append)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_json(folder / SWEEP_FILE, record)
+    found = ((path.name.rpartition("~")[0], path.name) for path in kept)
+    return [
+        Problem(
+            Place(str(folder)), "", "", f"{name} is of another sweep; kept as {other}", "", Severity.WARNING
+        )
+        for name, other in found
+    ]

@@ -1,20 +1,41 @@
-"""Values of a sweep's arguments: split at commas, read as YAML, and stored in typed table columns."""
+"""Values of a sweep's arguments: YAML between commas, ranges `a:b:n`, and distributions `~uniform(a, b)`."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
+from math import erfc, exp, inf, isfinite, log, sqrt
 from pathlib import Path
+from statistics import NormalDist
 from typing import Any
+
+import yaml
 
 from physgen.problems import InputError
 from physgen.scene.document import Source, plain, read
 from physgen.tables import Cell, Kind
-from physgen.text import number
+from physgen.text import listed, nearest, number, quoted
 
-_BRACKETS = {"[": "]", "{": "}", "(": ")"}
-_QUOTED = {"'": re.compile(r"'(?:[^']|'')*'"), '"': re.compile(r'"(?:[^"\\]|\\.)*"', re.DOTALL)}
+MAX_COUNT = 100_000
+"""Values of a range."""
+EXACT_INT = 2**53
+"""From here on a float does not hold every whole number."""
+MIN_SHARE = 1e-9
+"""Of a normal distribution that must lie between its bounds: floats resolve less too coarsely."""
+EXAMPLES = {
+    "uniform": "~uniform(0.2, 0.9)",
+    "loguniform": "~loguniform(1, 1000)",
+    "normal": "~normal(200, 15)",
+    "integers": "~integers(1, 6)",
+    "choice": "~choice(disc, hoop)",
+}
+NO_LOGARITHM = "has no logarithm: 0 lies between its ends, or is one"
+_CALL = re.compile(r"~\s*(\w*)\s*(?:\((.*)\))?", re.DOTALL).fullmatch
+_RANGE = re.compile(r"[-+.\d][^:\s]*(?::[^:\s]*)+").fullmatch
+_DECIMAL = re.compile(r"[-+]?(?:\d{1,40}(?:\.\d{0,40})?|\.\d{1,40})(?:[eE][-+]?\d{1,3})?").fullmatch
+_NORMAL = NormalDist()
 
 
 class ValueTextError(ValueError):
@@ -35,44 +56,48 @@ class Value:
     """The parsed value: None, bool, int, float, str, list or dict."""
 
 
-def split(text: str) -> list[str]:
-    """Parts between commas that are outside brackets and quotes. Raises ValueTextError for unmatched ones.
+def split(text: str) -> Iterator[tuple[str, bool]]:
+    """Parts between commas that are outside brackets and quotes, and whether each is bare text.
 
-    >>> split("1, [2, 3],'a,b'")
-    ['1', '[2, 3]', "'a,b'"]
+    Raises ValueTextError for what is no YAML.
+
+    >>> list(split("1, [2, 3],'a,b'"))
+    [('1', True), ('[2, 3]', False), ("'a,b'", False)]
     """
-    return [text[begin:end].strip() for begin, end in _part_ranges(text)]
+    try:
+        root = yaml.compose(f"[{text}\n]", Loader=yaml.SafeLoader)
+    except (yaml.YAMLError, RecursionError, ValueError):
+        fix = "close brackets and quotes, and put text that holds such a character in quotes within quotes"
+        raise ValueTextError("is not YAML with commas between the values", fix) from None
+    for node in root.value if root is not None else ():
+        bare = isinstance(node, yaml.ScalarNode) and node.style is None
+        yield text[node.start_mark.index - 1 : node.end_mark.index - 1].strip(), bare
 
 
-def _part_ranges(text: str) -> Iterator[tuple[int, int]]:
-    open_brackets: list[str] = []
-    begin, before, end_of_quotes = 0, "", 0
-    for at, character in enumerate(text):
-        if at < end_of_quotes:
-            continue
-        if character in "'\"" and before in ("", ",", ":", *_BRACKETS):  # within a word it is an apostrophe
-            quotes = _QUOTED[character].match(text, at)
-            if not quotes:
-                raise _unmatched(character)
-            end_of_quotes = quotes.end()
-        elif character in _BRACKETS:
-            open_brackets.append(character)
-        elif character in "]})":
-            if not open_brackets or _BRACKETS[open_brackets.pop()] != character:
-                raise _unmatched(character)
-        elif character == "," and not open_brackets:
-            yield begin, at
-            begin, before = at + 1, ""
-            continue
-        before = before if character.isspace() else character
-    if open_brackets:
-        raise _unmatched(open_brackets[-1])
-    yield begin, len(text)
+def read_values(text: str) -> tuple[Value, ...]:
+    """Values and ranges between commas. Raises ValueTextError."""
+    found: list[Value] = []
+    for part, bare in split(text):
+        if part.startswith("~"):
+            fix = "write the distribution alone, or ~choice(...)"
+            raise ValueTextError("mixes values and a distribution", fix)
+        found += _read_range(part) if bare and _RANGE(part) else [_read_value(part)]
+    if not found:
+        raise ValueTextError("has no values", "write some, with commas between them; null takes a key away")
+    seen: set[str] = set()
+    for value in found:
+        if (same := repr(value.data)) in seen:
+            raise ValueTextError(f"has {quoted(value.text, '')} twice", "keep one")
+        seen.add(same)
+    return tuple(found)
 
 
-def _unmatched(character: str) -> ValueTextError:
-    fix = "close it, or put text that holds it in quotes within quotes"
-    return ValueTextError(f"has a {character} without its partner", fix)
+def _read_value(text: str) -> Value:
+    try:
+        return parse_yaml(text)
+    except InputError as error:
+        problem = error.problems[0]
+        raise ValueTextError(f"{quoted(text)}: {problem.found} {problem.expected}", problem.fix) from None
 
 
 def parse_yaml(text: str) -> Value:
@@ -80,22 +105,123 @@ def parse_yaml(text: str) -> Value:
     return Value(text, plain(read(text, Source("", Path()), counted=False)))
 
 
-def parse_number(text: str) -> int | float | None:
-    """A number written in YAML; None for any other text.
-
-    >>> [parse_number(text) for text in ("-3", "1e6", "0x10", "yes", "[1]", "")]
-    [-3, 1000000.0, 16, None, None, None]
-    """
-    try:
-        data = parse_yaml(text).data
-    except InputError:
-        return None
-    return data if isinstance(data, int | float) and not isinstance(data, bool) else None
-
-
 def number_value(data: int | float) -> Value:
     """A number with its shortest exact text."""
     return Value(number(data), data)
+
+
+def _read_range(text: str) -> list[Value]:
+    """The numbers of `start:end:count[:log]`; computed exactly, so that 0:1:11 holds 0.3. Raises ValueTextError."""
+    parts = text.split(":")
+    fix = "write e.g. 0.1:0.9:5, or 1:1000:4:log; text goes in quotes within quotes"
+    if len(parts) not in (3, 4) or not all(map(_DECIMAL, parts[:2])) or parts[3:] not in ([], ["log"]):
+        raise ValueTextError("is not start:end:count", fix)
+    count = int(parts[2]) if re.fullmatch("[0-9]{1,18}", parts[2]) else 0
+    if not 2 <= count <= MAX_COUNT:
+        raise ValueTextError(f"has no count from 2 to {MAX_COUNT:,} behind its ends", fix)
+    begin, end = map(Fraction, parts[:2])
+    if begin == end:
+        raise ValueTextError("ends where it begins", f"write {parts[0]} alone, or another end")
+    if not parts[3:]:
+        exact = [begin + (end - begin) * Fraction(k, count - 1) for k in range(count)]
+    elif begin * end > 0:
+        inner = (_log_between(float(begin), float(end), k / (count - 1)) for k in range(1, count - 1))
+        exact = [begin, *map(Fraction, inner), end]
+    else:
+        raise ValueTextError(NO_LOGARITHM, "take both above 0, or both below")
+    return [
+        number_value(int(value) if value.denominator == 1 and abs(value) < EXACT_INT else float(value))
+        for value in exact
+    ]
+
+
+def _log_between(low: float, high: float, share: float) -> float:
+    """Between two numbers of one sign, linear in the logarithm; rounded to 15 digits, so that 1:1000:4 holds 10."""
+    begin, end = log(abs(low)), log(abs(high))
+    size = float(f"{exp(begin + share * (end - begin)):.15g}")
+    size = min(max(size, min(abs(low), abs(high))), max(abs(low), abs(high)))
+    return size if low > 0 else -size
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """Distribution of the values of one key."""
+
+    name: str
+    """One of EXAMPLES."""
+    numbers: tuple[float, ...] = ()
+    """Both ends; of a normal distribution its mean, its standard deviation, and its bounds."""
+    values: tuple[Value, ...] = ()
+    """Of a choice; a repeated value is drawn more often."""
+
+    @property
+    def kind(self) -> Kind:
+        """Of the column of draws."""
+        if self.name == "choice":
+            return kind_of(value.data for value in self.values)
+        return Kind.WHOLE if self.name == "integers" else Kind.NUMBER
+
+    def at(self, share: float) -> Value:
+        """The quantile: the value below which that share of draws lies, 0 < share < 1."""
+        if self.name == "choice":
+            return self.values[int(share * len(self.values))]
+        low, high, *bounds = self.numbers
+        if self.name == "integers":
+            return number_value(min(int(low) + int(share * (high - low + 1)), int(high)))
+        if self.name == "uniform":
+            return number_value(low + share * (high - low))
+        if self.name == "loguniform":
+            return number_value(_log_between(low, high, share))
+        begin, end = _shares(low, high, bounds)
+        z = _NORMAL.inv_cdf(min(max(begin + (end - begin) * share, 1e-320), 1 - 2**-53))
+        return number_value(min(max(low + high * z, bounds[0]), bounds[1]))
+
+
+def _shares(mean: float, deviation: float, bounds: Sequence[float]) -> tuple[float, float]:
+    """Shares of a normal distribution that lie below both bounds."""
+    begin, end = (0.5 * erfc((mean - bound) / deviation / sqrt(2)) for bound in bounds)
+    return begin, end
+
+
+def read_distribution(text: str) -> Distribution:
+    """Parses `~NAME(...)`. Raises ValueTextError."""
+    call = _CALL(text)
+    name = call[1].lower() if call else ""
+    if call is None or name not in EXAMPLES:
+        close = nearest(name, EXAMPLES)
+        fix = f"did you mean {EXAMPLES[close]}?" if close else f"write {listed(EXAMPLES.values())}"
+        raise ValueTextError(f"names no {'known ' * bool(name)}distribution", fix)
+    parts = [part for part, _ in split(call[2] or "")]
+    if name == "choice":
+        found = Distribution(name, values=tuple(map(_read_value, parts)))
+        fault = "has not two values to choose from" if len(parts) < 2 else ""
+    else:
+        bare = [part.replace(".inf", "inf") for part in parts]
+        numbers = tuple(float(part) for part in bare if _DECIMAL(part) or part.lstrip("+-") == "inf")
+        found = Distribution(name, numbers + (-inf, inf) * (name == "normal" and len(numbers) == 2))
+        fault = _fault(found, len(parts))
+    if fault:
+        raise ValueTextError(fault, f"write e.g. {EXAMPLES[name]}")
+    return found
+
+
+def _fault(found: Distribution, parts: int) -> str:
+    """What is wrong with the numbers of a distribution that was written with so many parts."""
+    numbers = found.numbers
+    if found.name == "normal":
+        if len(numbers) != 4 or parts not in (2, 4) or not all(map(isfinite, numbers[:2])):
+            return "does not hold a mean, a standard deviation, and two bounds or none"
+        if numbers[1] <= 0:
+            return f"has a standard deviation of {numbers[1]:g}"
+        begin, end = _shares(numbers[0], numbers[1], numbers[2:])
+        return "" if end - begin > MIN_SHARE else "has bounds between which nothing is drawn"
+    if len(numbers) != 2 or parts != 2 or not all(map(isfinite, (*numbers, numbers[1] - numbers[0]))):
+        return "does not hold two numbers"
+    if numbers[0] >= numbers[1]:
+        return "goes down, or nowhere"
+    if found.name == "integers" and (any(end % 1 for end in numbers) or max(map(abs, numbers)) > 2**50):
+        return "does not hold whole numbers"
+    return NO_LOGARITHM if found.name == "loguniform" and numbers[0] * numbers[1] <= 0 else ""
 
 
 def kind_of(values: Iterable[Any]) -> Kind:

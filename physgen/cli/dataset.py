@@ -22,8 +22,7 @@ MAX_WARNINGS = 20
 
 
 def dataset(options: argparse.Namespace) -> int:
-    from physgen.batch.dataset import DatasetOptions, gather
-    from physgen.batch.dataset_samples import read_splits
+    from physgen.batch.dataset import DatasetOptions, gather, read_splits
     from physgen.export.formats import check_names
 
     check_names(options.format)
@@ -47,16 +46,13 @@ def dataset(options: argparse.Namespace) -> int:
     _odd(done, options)
     if options.json:
         counts = {name: count.clips for name, count in done.counts.items()}
-        line = {"dataset": str(options.output), "clips": counts, "made": done.made, "unchanged": done.kept}
-        print_line(
-            json.dumps({**line, "left_out": done.left_out, "files": [str(path) for path in done.files]})
-        )
+        line = {"dataset": str(options.output), "clips": counts, "left_out": done.left_out}
+        print_line(json.dumps({**line, "files": [str(path) for path in done.files]}))
     else:
         for path in done.files:
             print_line(str(path))
-        total = done.made + done.kept
         split = ", ".join(f"{name} {count.clips:,}" for name, count in done.counts.items())
-        print_error(f"{_clips(total)} ({split}): {done.made:,} written, {done.kept:,} unchanged")
+        print_error(f"{_clips(done.total)}: {split}")
     return WRONG_INPUT if done.left_out else OK
 
 
@@ -69,20 +65,16 @@ def _odd(done: DatasetSummary, options: argparse.Namespace) -> None:
     silent = sum(count.clips - count.captions for count in done.counts.values())
     if silent:
         odd(f"has {_clips(silent)} without a caption", "render or export them with the format events")
-    total = done.made + done.kept
-    for name, count in done.lacking.items():
-        what = f"no clip has {name}" if count == total else f"{_clips(count)} of {total:,} have no {name}"
-        odd(what, f"render or export them with {name}, or leave it out of --format")
+    for name in options.format:
+        if lacking := done.total - done.formats[name]:
+            what = f"{_clips(lacking)} of {done.total:,} have no {name}"
+            odd(what, f"render them with --export {name}, or leave it out of --format")
     empty = [name for name, count in done.counts.items() if not count.clips]
     if empty:
         photos = sum(len(count.photos) for count in done.counts.values())
         fix = "splits are by photo: take more photos, another --seed, or other shares with --split"
         there = "there is 1 photo" if photos == 1 else f"there are {photos:,} photos"
         odd(f"has no clip in {', '.join(empty)}: {there}", fix)
-    if done.strays:
-        folders = "1 folder" if done.strays == 1 else f"{done.strays:,} folders"
-        fix = "remove them, or name their clips too"
-        odd(f"holds {folders} of clips that are not named here", fix)
 
 
 def _clips(count: int) -> str:

@@ -80,7 +80,7 @@ def _listed(plan: Sweep, options: argparse.Namespace) -> int:
 
 def _made(plan: Sweep, objects: tuple[str, ...], options: argparse.Namespace) -> int:
     from physgen import pipeline
-    from physgen.batch import sweep_files
+    from physgen.batch import sweep as files
     from physgen.batch.outcomes import columns
     from physgen.tables import HINT, Table, has_parquet
 
@@ -89,8 +89,8 @@ def _made(plan: Sweep, objects: tuple[str, ...], options: argparse.Namespace) ->
     options.output = options.output or str(Path("out", named))
     tracked = _tracked(objects, options.track)
     make = job_maker(options)
-    table = sweep_files.table_columns(plan, columns(tracked))
-    record = sweep_files.sweep_record(
+    table = files.table_columns(plan, columns(tracked))
+    record = files.sweep_record(
         plan,
         options.scene,
         options.output,
@@ -100,7 +100,7 @@ def _made(plan: Sweep, objects: tuple[str, ...], options: argparse.Namespace) ->
         command=options.command_line,
         units={column.name: column.unit for column in table if column.unit},
     )
-    print_problems(sweep_files.begin(Path(options.output), record, plan))
+    print_problems(files.begin(Path(options.output), record, plan))
     if not has_parquet():
         print_error(HINT)
     with Table(Path(options.output, "sweep"), table) as rows:
@@ -125,7 +125,7 @@ def _made(plan: Sweep, objects: tuple[str, ...], options: argparse.Namespace) ->
             jobs(),
             len(plan),
             options,
-            on_done=lambda done: rows.add(sweep_files.table_row(plan, running.popleft(), done)),
+            on_done=lambda done: rows.add(files.table_row(plan, running.popleft(), done)),
             finish=finish,
         )
 

@@ -13,7 +13,6 @@ from physgen.compile.shapes import Shapes, shapes_of, snapped_to_boundaries, wal
 from physgen.compile.world import Body, Field, Joint, Push, World, placed_outline, rest_pose, surface
 from physgen.geometry.convex import convex_pieces
 from physgen.geometry.polygon import Disc, Outline, mass_properties, mean_distance
-from physgen.notebook_display import html
 from physgen.problems import InputError, Problem, Severity
 from physgen.scene import scene as model
 from physgen.scene.scene import Load, Motion, Object, Scene, Solid, View
@@ -166,10 +165,6 @@ class Compiled:
     def scenery(self) -> NDArray[np.bool_]:
         """(H, W): pixels that show a boundary; they stay in the picture."""
         return self.shapes.fits.scenery
-
-    def _repr_html_(self) -> str:
-        """For notebooks."""
-        return html(self)
 
 
 class PathError(Exception):

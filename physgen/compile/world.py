@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.geometry.polygon import Disc, Outline, Pose, Region, Ring, mass_properties, rotation
-from physgen.notebook_display import html
 from physgen.scene.scene import Combine, FieldKind, JointKind, Load, Motion, Object, Scene, Solid, View
 
 Array = NDArray[np.float64]
@@ -191,10 +190,6 @@ class World:
         """Name and surface of every body, then of every wall."""
         parts: tuple[Body | Wall, ...] = (*self.bodies, *self.walls)
         return tuple((part.name, part.surface) for part in parts)
-
-    def _repr_html_(self) -> str:
-        """For notebooks."""
-        return html(self)
 
 
 def surface(friction: float, elasticity: float, combine: Combine) -> Surface:

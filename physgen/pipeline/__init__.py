@@ -8,7 +8,6 @@
 
 from __future__ import annotations
 
-from physgen import notebook_display
 from physgen.pipeline.clip import Page, RenderOptions, output_name, render_scene
 from physgen.pipeline.packs import scene_file
 from physgen.pipeline.perceiving import import_coco, import_physgen, perceive
@@ -57,13 +56,3 @@ __all__ = [
     "simulate",
     "stage",
 ]
-
-
-def _html(value: object) -> str:
-    """The HTML of a scene, a world or a trajectory; what draws it is imported when a notebook asks."""
-    from physgen.pipeline.notebook import html
-
-    return html(value)
-
-
-notebook_display.register(_html)

@@ -15,7 +15,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from physgen.notebook_display import html
 from physgen.problems import Place
 
 Size = tuple[int, int]
@@ -499,10 +498,6 @@ class Scene:
     def video_size(self) -> tuple[int, int]:
         """Width and height of the video, px."""
         return video_size(self.size, self.render.scale, self.render.size)
-
-    def _repr_html_(self) -> str:
-        """For notebooks."""
-        return html(self)
 
     def place(self, path: str) -> Place:
         """Where a value came from: its own place, or its nearest ancestor's."""

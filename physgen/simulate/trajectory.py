@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from physgen.files import write_atomic
 from physgen.geometry.polygon import Pose
-from physgen.notebook_display import html
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int32]
@@ -114,10 +113,6 @@ class Trajectory:
         flows = [float(np.ptp(part)) for part in (e.kinetic, e.potential, e.dissipated, e.work)]
         flow = max(least, float(e.kinetic.max()), *flows)
         return float(np.ptp(total)) / flow if flow > 0 else 0.0
-
-    def _repr_html_(self) -> str:
-        """For notebooks."""
-        return html(self)
 
     def sample_hashes(self) -> list[str]:
         """SHA-256 of each sample's time, poses and velocities, as little-endian float64."""

@@ -9,8 +9,8 @@ import pytest
 from scipy import stats
 
 from physgen.batch.axes import read_axes
-from physgen.batch.distributions import draw, latin_draw, read_distribution
-from physgen.batch.sweep import Design, planned
+from physgen.batch.sweep import Design, draw, latin_draw, planned
+from physgen.batch.values import read_distribution
 
 SIGNIFICANCE = 1e-3
 """Seeds are fixed, so a test that passes goes on passing."""

@@ -11,7 +11,6 @@ import pytest
 from physgen import pipeline
 from physgen.compile.world import World, body_in_photo
 from physgen.export.correspondence import photo_view
-from physgen.pipeline.notebook import svg
 from physgen.render.stage import Frame
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -105,7 +104,6 @@ def test_what_is_drawn_over_the_photo_is_where_the_photo_shows_it(
         scene = pipeline.load(text, edits)
         world = pipeline.compile(scene, pipeline.percepts(scene)).world
         bodies.append(body_in_photo(world.bodies[8]))
-        assert (svg(scene).count("<image") == 1) is not bool(edits)
     np.testing.assert_allclose(
         bodies[1].rings[0] + bodies[1].center, bodies[0].rings[0] + bodies[0].center, atol=1e-9
     )
