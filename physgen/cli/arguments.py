@@ -33,6 +33,7 @@ REMOVED = {
     "--save-answers": "--json has them",
     "--shard-size": "write --shard-clips",
     "--single-file": "render --single-file embeds a clip's video in its report",
+    "--sheet": "the report of render --preview --report full shows the same",
     "--ship": "share a folder",
     "--si": "axes are in SI where the scene has a scale",
     "physics": "run python benchmarks/closed_forms.py in a checkout",

@@ -41,8 +41,7 @@ def perceive(options: argparse.Namespace) -> int:
             raise InputError.of("perceive", "--refresh", "needs -o", fix)
         from physgen.pipeline.perceiving import refresh
 
-        settings |= {"allow_outside": options.allow_outside, "sheet": options.sheet, "asked": options.find}
-        settings["labels"] = options.label
+        settings |= {"allow_outside": options.allow_outside, "asked": options.find, "labels": options.label}
         text = refresh(options.refresh, options.output, **settings)
     elif not options.image:
         raise InputError.of("perceive", "", "was given no photo", "name one, or a scene: --refresh SCENE")
@@ -51,7 +50,6 @@ def perceive(options: argparse.Namespace) -> int:
             "masks": options.masks,
             "coco": options.coco,
             "side": options.side,
-            "sheet": options.sheet,
             "labels": options.label,
             "asked": options.find,
         }
@@ -66,7 +64,7 @@ def _perceive_many(options: argparse.Namespace) -> int:
     from physgen import pipeline
 
     single = {"--masks": options.masks, "--coco": options.coco, "--box": options.box, "--point": options.point,
-             "--label": options.label, "--assets": options.assets, "--sheet": options.sheet}  # fmt: skip
+             "--label": options.label, "--assets": options.assets}  # fmt: skip
     names = _names(options.image)
     twins = sorted({name for name in names if names.count(name) > 1})
     fix = "leave it out, or name one photo"
@@ -200,7 +198,6 @@ def add_perceive(parser: Parser) -> None:
     about = "longest side of the scene's photo, px; default: at most 1600"
     parser.option("--side", "PX", whole(16, 100_000), about)
     parser.option("--assets", "DIR", Path, "folder for the maps")
-    parser.option("--sheet", "FILE.png", Path, "draw all results on one picture, for inspection")
     about = 'what to look for, for backends that find what they are asked for: "ball, wooden block"'
     parser.option("--find", "NOUN,...", names, about, [])
     add_backends(parser)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from tempfile import NamedTemporaryFile
 from typing import TYPE_CHECKING, Any
 
 from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
@@ -39,8 +38,6 @@ class PerceiveOptions:
     """Folder of the maps."""
     side: int | None = None
     """px: longest side of the photo, made smaller above; None: the default."""
-    sheet: Path | None = None
-    """PNG on which all that was perceived is drawn."""
     allow_outside: bool = False
     """Whether a scene that is perceived again may read files outside its folder."""
 
@@ -79,7 +76,6 @@ def perceive(
     if sum((masks is not None, coco is not None, bool(boxes or points))) > 1:
         fix = "choose --masks, --coco, or --box and --point"
         raise InputError.of("perceive", "", "was given the objects in more than one way", fix)
-    _check_sheet(options.sheet, image)
     photo = read_photo(image)
     place = Place(str(image))
     if not photo.readable:
@@ -114,9 +110,7 @@ def perceive(
     for problem in perceived.warnings:
         warn(problem)
     inform(f"{image}: suitability: {perceived.suitability}")
-    text = write_scene(perceived, image if as_it_is else None, image.stem, output, options.assets, keep)
-    _draw_sheet(options.sheet, text, output, keep)
-    return text
+    return write_scene(perceived, image if as_it_is else None, image.stem, output, options.assets, keep)
 
 
 def _unused_choices(crew: Backends, options: PerceiveOptions) -> list[Problem]:
@@ -208,7 +202,6 @@ def refresh(
     scene = load(path, allow_outside=options.allow_outside)
     if scene.image is None:
         raise InputError.of("--refresh", f'"{path}"', "shows no photo", "name one with image:")
-    _check_sheet(options.sheet, scene.image)
     maps = read_percepts(scene.image, scene.assets, scene.maps)
     kept = compile_scene(scene, None if maps is None else maps.labels).labels
     photo = read_photo(scene.image)
@@ -251,38 +244,7 @@ def refresh(
     header = "Perceived again: what from names was written anew, all else is as it was"
     perceived = replace(perceived, document=document, comments=comments, header=header)
     image = scene.image if photo.plain else None
-    text = write_scene(perceived, image, scene.image.stem, output, options.assets, keep)
-    _draw_sheet(options.sheet, text, output, keep)
-    return text
-
-
-def _check_sheet(path: Path | None, photo: Path) -> None:
-    """Raises InputError where a sheet cannot be written, before anything is computed."""
-    if path is not None and (path.suffix.lower() != ".png" or path.resolve() == photo.resolve()):
-        fix = "name another file that ends in .png"
-        raise InputError.of("--sheet", f'"{path}"', "is the photo itself, or no PNG", fix)
-
-
-def _draw_sheet(path: Path | None, text: str, output: Path | None, keep: Keep) -> None:
-    """What the report shows of perception, on one picture."""
-    if path is None:
-        return
-    from physgen.compile.compile import compile_scene
-    from physgen.maps import read_percepts, write_png
-    from physgen.report.perception import perception, sheet
-    from physgen.scene.load import load
-
-    with NamedTemporaryFile(
-        "w", suffix=".yaml", dir=output.parent if output else ".", encoding="utf-8"
-    ) as file:
-        file.write(text)
-        file.flush()
-        scene = load(file.name)
-    maps = None if scene.image is None else read_percepts(scene.image, scene.assets, scene.maps)
-    found = perception(scene, compile_scene(scene, None if maps is None else maps.labels), maps)
-    if found is not None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_png(path, sheet(found), keep)
+    return write_scene(perceived, image, scene.image.stem, output, options.assets, keep)
 
 
 def _comments(perceived: PerceivedScene, document: dict[str, Any], text: str) -> dict[str, str]:

@@ -36,8 +36,6 @@ QUALITY, PAIR_QUALITY = 74, 78
 """Of WebP."""
 LETTER = 20
 """px, of names: pages show pictures at less than half their size."""
-SHEET_ROW = 4
-"""Pictures in a row of `sheet`."""
 SUPPORT: Colour = (255, 196, 0)
 SUN: Colour = (255, 205, 64)
 WHITE: Colour = (255, 255, 255)
@@ -144,24 +142,6 @@ def compared(
 def _picture(name: str, title: str, caption: str, rgb: U8, alt: str = "") -> Picture:
     alt = alt or f"{title} of the photo. {caption}"
     return Picture(name, title, caption, alt, fitted(rgb, SIDE), QUALITY)
-
-
-def sheet(found: Perception) -> U8:
-    """(H, W, 3) sRGB: all pictures in rows of SHEET_ROW, each below its title."""
-    sides = [side for pair in found.comparisons for side in (pair.before, pair.after)]
-    shown = [(one.title, one) for one in found.pictures] + [(side.alt, side) for side in sides]
-    width = max(picture.width for picture in found.pictures)
-    small = [fitted(picture.rgb, max(found.pictures[0].rgb.shape[:2])) for _, picture in shown]
-    height = max(rgb.shape[0] for rgb in small) + 2 * LETTER
-    rows = -(-len(small) // SHEET_ROW)
-    page = np.full((rows * height, min(len(small), SHEET_ROW) * width, 3), 24, np.uint8)
-    titles = Layer((page.shape[1], page.shape[0]), 0.8)
-    for k, ((title, _), rgb) in enumerate(zip(shown, small, strict=True)):
-        y, x = k // SHEET_ROW * height, k % SHEET_ROW * width
-        page[y + 2 * LETTER : y + 2 * LETTER + rgb.shape[0], x : x + rgb.shape[1]] = rgb
-        titles.words(title, (x + width / 2, y + LETTER), LETTER)
-    titles.onto(page, WHITE)
-    return page
 
 
 def _photo_pictures(

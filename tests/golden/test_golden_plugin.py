@@ -146,12 +146,7 @@ def test_wrong_input_is_told_without_a_traceback(home: Path, said: Said) -> None
 @pytest.mark.parametrize(
     ("how", "why"),
     [
-        ("overrides='objects.cue.mass=2'", "overrides is a text; write a list"),
-        ("until=-1", "until is -1; write a time of the clip in seconds"),
         ("frames=[0, 99]", "frames: 99 are not among the clip's first 24"),
-        ("frames=200", "wider side by side than 16,383 px"),
-        ("motion=Motion(px=0)", "Motion.px is 0; write a number of at least 1e-09"),
-        ("pixels=Pixels(share=-1)", "Pixels.share is -1; write 0 or more"),
         ("motion=None, pixels=None", "nothing would be compared"),
     ],
 )

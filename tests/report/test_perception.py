@@ -12,12 +12,9 @@ import pytest
 from PIL import Image
 
 from physgen import pipeline
-from physgen.cli.main import main
 from physgen.maps import Percepts
 from physgen.report.html import template
 from physgen.report.perception import (
-    LETTER,
-    SHEET_ROW,
     Picture,
     compared,
     light_picture,
@@ -133,21 +130,3 @@ def test_a_slider_is_named_and_all_words_are_escaped() -> None:
     assert 'aria-label="&lt;script&gt;: how much is shown not &lt;b&gt;"' in page
     with pytest.raises(ValueError):
         compared("relit", "", "", ("", one), ("", other[:5]))
-
-
-def test_a_sheet_shows_the_photo_and_all_that_was_perceived(tmp_path: Path) -> None:
-    scene = Path(__file__).resolve().parents[2] / "scenes/dominoes"
-    photo = np.asarray(Image.open(scene / "photo.png").convert("RGB"))[::2, ::2]
-    Image.fromarray(photo).save(tmp_path / "photo.png")
-    masks = Image.fromarray(np.asarray(Image.open(scene / "photo.assets/masks.png"))[::2, ::2])
-    masks.save(tmp_path / "masks.png")
-    path, given = tmp_path / "sheets/sheet.png", ["--masks", str(tmp_path / "masks.png")]
-    run = ["perceive", str(tmp_path / "photo.png"), *given, "-o", str(tmp_path / "scene.yaml")]
-    assert main([*run, "--sheet", str(path)]) == 0
-    page = np.asarray(Image.open(path))
-    height, width = photo.shape[:2]
-    first = page[2 * LETTER : 2 * LETTER + height, :width]
-    assert np.array_equal(first, photo)
-    assert page.shape[1] == SHEET_ROW * width
-    assert not list(tmp_path.glob("tmp*"))
-    assert main([*run, "--sheet", str(tmp_path / "photo.png")]) == 2
