@@ -116,16 +116,6 @@ def test_a_cluster_makes_the_clips_of_this_machine_and_is_quiet(
     assert [json.loads(line).get("state") for line in lines] == ["unchanged", "unchanged", None]
 
 
-def test_a_scene_that_is_wrong_fails_alone_in_the_same_words(two: Cluster, lesson: Path, capfd) -> None:
-    broken = lesson.with_name("a-broken.yaml")
-    broken.write_text(lesson.read_text().replace("mass: 200", "mass: heavy"))
-    local = rendered(capfd, str(broken), str(lesson), "-o", str(lesson.parent / "out"), code=2)
-    out = str(lesson.parent / "farmed")
-    lines, said = rendered(capfd, str(broken), str(lesson), "-o", out, "--cluster", two.flag, code=2)
-    assert said == local[1]
-    assert lines == [f"{out}/lesson", f"{out}/index.html"]
-
-
 def test_a_clip_that_always_kills_its_worker_fails_alone(lesson: Path) -> None:
     jobs = jobs_of(lesson, lesson.parent / "out", 4)
     jobs[2] = replace(jobs[2], options=replace(jobs[2].options, command=(Fatal(),)))

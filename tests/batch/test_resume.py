@@ -318,21 +318,6 @@ def test_killed_at_any_moment_it_goes_on_and_ends_as_if_it_never_was(many: Path)
 
 
 @pytest.mark.slow
-def test_stopped_by_hand_it_leaves_whole_clips_alone(many: Path) -> None:
-    out = many.parent / "out"
-    run = started(many, out, "--jobs", "2")
-    while not any((path / "manifest.json").exists() for path in out.glob("many*")) and run.poll() is None:
-        time.sleep(0.01)
-    os.killpg(run.pid, signal.SIGINT)  # as a terminal does: to the workers, too
-    _, said = run.communicate(timeout=60)
-    assert run.returncode == 130
-    assert said.decode() == "interrupted\n"
-    assert all((out / name / "manifest.json").is_file() for name in folders(out))
-    assert started(many, out).wait() == 0
-    assert len(folders(out)) == CLIPS + 3  # the scene's own, index.html and index.files
-
-
-@pytest.mark.slow
 def test_a_full_disk_is_told_once_and_loses_nothing(many: Path) -> None:
     """A bound on the size of files stands for it: the kernel refuses to write beyond."""
     out = many.parent / "out"

@@ -21,4 +21,4 @@ def test_a_removed_flag_names_what_to_use(capsys) -> None:
     with pytest.raises(SystemExit) as ended:
         main(["render", "scene.yaml", "--ship"])
     assert ended.value.code == 2
-    assert "--ship was removed; share a folder, or name scenes" in capsys.readouterr().err
+    assert "--ship was removed; share a folder" in capsys.readouterr().err

@@ -137,18 +137,6 @@ def test_refusals_write_nothing(lesson: Path, capsys: Capture) -> None:
     assert list(here.iterdir()) == []
 
 
-def test_help_has_examples(capsys: Capture) -> None:
-    for command, example in (
-        ("pack", "physgen pack scene.yaml -o scene.physgen"),
-        ("unpack", "physgen unpack scene.physgen -o scene"),
-        ("verify", "physgen verify out --jobs 2"),
-    ):
-        with pytest.raises(SystemExit) as stopped:
-            main([command, "--help"])
-        assert stopped.value.code == 0
-        assert f"example: {example}" in capsys.readouterr().out
-
-
 def test_faults_and_oddities_are_told_by_the_name_of_the_pack(lesson: Path, capsys: Capture) -> None:
     base = lesson.parent.parent / "base" / "base.yaml"
     base.parent.mkdir()

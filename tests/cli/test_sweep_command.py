@@ -223,15 +223,6 @@ def test_what_parquet_cannot_hold_leaves_the_csv(tmp_path: Path) -> None:
     assert pd.read_csv(tmp_path / "sweep.csv")["n"].tolist() == [1e20, *range(1, 4096 + 2)]
 
 
-def test_nothing_of_somebody_else_is_written_over(lesson: Path, tmp_path: Path, capsys) -> None:
-    out = tmp_path / "out"
-    out.mkdir()
-    (out / "sweep.csv").write_text("mine\n")
-    assert sweep(lesson, out, "objects.ball.mass=5,6") == 2
-    assert "is there already and was not made by physgen" in capsys.readouterr().err
-    assert [p.name for p in out.iterdir()] == ["sweep.csv"]
-
-
 @pytest.mark.parametrize(
     ("theirs", "refused"),
     [
