@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import re
 import sys
 from contextlib import suppress
 from importlib.util import find_spec
@@ -16,9 +15,7 @@ from physgen.cli.perceive import add_backends
 from physgen.problems import InputError
 
 NEEDED = ("fastapi", "filelock", "uvicorn")
-SCENES = (".yaml", ".yml")
-SIGNS = re.compile(r"""^\s*\{?\s*["']?(physgen|extends|image|size|world|objects)["']?\s*:""", re.MULTILINE)
-"""A key of the top level of a scene, by which a text is recognised as one."""
+SCENES = (".yaml", ".yml", ".physgen")
 
 
 def edit(options: argparse.Namespace) -> int:
@@ -71,10 +68,7 @@ def edit(options: argparse.Namespace) -> int:
 def _scene(options: argparse.Namespace) -> Path:
     """The scene, or the one that is perceived of a photo."""
     path: Path = options.scene
-    if not path.is_file():
-        return path
-    if path.suffix.lower() in SCENES or not _is_picture(path):
-        _check_scene(path)
+    if not path.is_file() or path.suffix.lower() in SCENES:
         return path
     scene = path.with_name(f"{path.stem}.yaml")
     if scene.exists():
@@ -89,30 +83,6 @@ def _scene(options: argparse.Namespace) -> Path:
     pipeline.perceive(path, scene, crew=crew, progress=bar.show, warn=print_problem, keep=print_backup)
     bar.clear()
     return scene
-
-
-def _check_scene(path: Path) -> None:
-    """Refuses a file that is neither a scene nor a photo; a scene with errors can be opened."""
-    from physgen.edit.draft import draft_folder
-    from physgen.scene.document import decode
-    from physgen.scene.files import scene_bytes
-
-    if draft_folder(path).exists():
-        return  # what was made of it before is there
-    text = decode(scene_bytes(path, str(path)), str(path))
-    if SIGNS.search(text) is None or path.suffix.lower() not in SCENES:
-        fix = "name a scene, which has `physgen: 1` in it, or a photo to make one of"
-        raise InputError.of(str(path), "", "is neither a scene nor a photo", fix)
-
-
-def _is_picture(path: Path) -> bool:
-    with path.open("rb") as stream:
-        start = stream.read(12)
-    return (
-        start.startswith((b"\x89PNG", b"\xff\xd8\xff", b"GIF8", b"II*\0", b"MM\0*"))
-        or start[8:] == b"WEBP"
-        or start[4:8] == b"ftyp"
-    )
 
 
 def _print_address(options: argparse.Namespace, scene: Path, address: str) -> None:
