@@ -29,9 +29,14 @@ from physgen.perceive.roles import (
     Shadows,
 )
 from physgen.perceive.shadow.ambient_shade import AmbientShade, extend_behind_objects, find_ambient_shade
-from physgen.perceive.shadow.shadow_assignment import shadow_owners, shadow_owners_by_model
 from physgen.perceive.shadow.shadow_fit import FULL, deviation_penalty, with_direct_share, with_direction
-from physgen.perceive.shadow.shadow_removal import HUES, hue_weights, mean_of_kind
+from physgen.perceive.shadow.shadow_removal import (
+    HUES,
+    hue_weights,
+    mean_of_kind,
+    shadow_owners,
+    shadow_owners_by_model,
+)
 from physgen.perceive.shadow.side_view import side_view_shadows
 from physgen.perceive.shadow.silhouettes import (
     DARKEST,

@@ -1,4 +1,4 @@
-"""Fit of a distant light to the shadows in a side view, on the floor and on a wall.
+"""Fit of a distant light to the shadows in a side view: on the floor, or on a wall behind the objects.
 
 Slopes of the logarithm of light are compared, at two widths, with those of the predicted darkness, near these alone:
 a far edge of the floor or a picture on the wall has slopes too, but elsewhere. On an upright wall behind, one distant
@@ -7,8 +7,8 @@ light moves every shadow alike; in perspective, farther off, the whole is a litt
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import acos, asin, atan2, cos, degrees, inf, pi, sin
 
@@ -20,7 +20,6 @@ from physgen.geometry.shadows import ShadowSetting, Silhouette
 from physgen.perceive.roles import F32, LightGuess, Rgb
 from physgen.perceive.shadow.silhouettes import (
     DARKEST,
-    Shift,
     away_from_objects,
     join_silhouettes,
     predicted_darkness,
@@ -32,8 +31,6 @@ COARSE, FINE = 192, 384
 """px: longer side of the pictures in which the light is searched, first and then."""
 TILT = 0.1
 """Rise over run of the floor where it is unknown."""
-BY_A_WALL = 0.7
-"""Correlation of slopes that shadows on a wall behind need."""
 TRUSTED = 0.3
 """Confidence of a light from shading from which it counts."""
 FULL = 1.2
@@ -53,11 +50,6 @@ class _Tuning:
     beyond: tuple[float, float] = (40.0, 2.5)
     pull: float = 0.02  # correlation that one standard deviation from it must gain
     telling: int = 3  # objects, or groups of them, that the light is searched by at first; the largest
-    half_seen: float = 0.3  # correlation with a wall before the light has been searched with it
-    wall_gain: float = 1.2  # a wall must explain so much more above its foot than a floor that goes on
-    wall_range: tuple[float, float] = (0.3, 8.0)  # distances behind the objects at which a wall is tried
-    astray: float = 0.15  # of its height: how far aside the shadow of an object in the air may lie
-    moved: float = 0.05  # correlation that it must gain by that
     wall_sizes: tuple[float, ...] = (1.0, 0.94, 0.88, 0.82)  # of shadows on a wall, in perspective
     farthest: float = 5.0  # from an object to its shadow on a wall
     in_sight: float = 0.5  # share of all outlines that must lie in the photo, and free
@@ -95,21 +87,14 @@ class LightGradients:
         areas = [what.area for what in self.joined]
         return [self.joined[k] for k in np.argsort(areas)[::-1][: TUNING.telling]]
 
-    def agreement(self, model: F32, above: float = inf) -> tuple[float, float]:
-        """Correlation of seen slopes and those of a darkness (h, w), and the factor; means over the widths.
-
-        By the rows `above` a row alone, px.
-        """
-        sums = self._sums(model, above)
+    def agreement(self, model: F32) -> tuple[float, float]:
+        """Correlation of seen slopes and those of a darkness (h, w), and the factor; means over the widths."""
+        sums = self._sums(model)
         alike = [both / max((own * seen) ** 0.5, 1e-9) for both, own, seen in sums]
         factors = [both / max(own, 1e-9) for both, own, _ in sums]
         return (sum(alike) / len(sums), sum(factors) / len(sums)) if sums else (0.0, 0.0)
 
-    def explained(self, model: F32, above: float) -> float:
-        """Squares of the seen slopes that a darkness explains at its best strength, of one sign."""
-        return sum(max(both, 0.0) ** 2 / max(own, 1e-9) for both, own, _ in self._sums(model, above))
-
-    def _sums(self, model: F32, above: float) -> list[tuple[float, float, float]]:
+    def _sums(self, model: F32) -> list[tuple[float, float, float]]:
         """Of each width: products of predicted and seen slopes, squares of either, near what is predicted.
 
         Empty where hardly any of it is in sight.
@@ -121,9 +106,7 @@ class LightGradients:
         top, left = max(int(rows[0]) - pad, 0), max(int(columns[0]) - pad, 0)
         part = np.s_[top : int(rows[-1]) + pad + 1, left : int(columns[-1]) + pad + 1]
         model, known = np.minimum(model[part], 2.5), self.known[part]
-        within = self.within[part].copy()
-        end = max(int(min(above, len(self.known))) - top, 0)
-        within[end:] = 0
+        within = self.within[part]
         found = []
         for width, near, right, down in self.slopes:
             soft = cv2.GaussianBlur(model * known, (0, 0), width) / np.maximum(near[part], 0.05)
@@ -132,7 +115,7 @@ class LightGradients:
             edges = energy > 0.01 * float((energy * within).max())
             weight = within * cv2.dilate(edges.astype(np.uint8), np.ones((9, 9), np.uint8))
             own = float((weight * energy).sum())
-            if own <= TUNING.least_seen * float(energy[:end].sum()):
+            if own <= TUNING.least_seen * float(energy.sum()):
                 return []
             both = -float((weight * (dx * right[part] + dy * down[part])).sum())
             found.append((both, own, float((weight * (right[part] ** 2 + down[part] ** 2)).sum())))
@@ -174,18 +157,12 @@ class LightFit:
     """Seen over predicted darkness, as a logarithm."""
     each: float = 1.0
     """The same where the shadows of objects side by side are added up."""
-    shifts: tuple[Shift, ...] = ()
-    """px, of each of `joined`: by how much its shadow lies elsewhere."""
-    moved: Mapping[int, Shift] = field(default_factory=dict)
-    """The same by the object's id, px of the photo."""
 
 
-def search_light(
-    gradients: Sequence[LightGradients], guess: LightGuess, walls: Sequence[float] = (inf,)
-) -> tuple[int, LightFit]:
+def search_light(gradients: Sequence[LightGradients], guess: LightGuess) -> tuple[int, LightFit]:
     """The index of the best of `gradients`, and the light in its px: coordinate steps from several directions.
 
-    `gradients`: of one size, with floors in different places. `walls`: px back to an upright one, to start from.
+    `gradients`: of one size, with floors in different places.
     """
     first = ShadowSetting(guess.light, 4.0, False, TILT, inf, gradients[0].size)
     telling = [one.telling for one in gradients]
@@ -193,13 +170,7 @@ def search_light(
     def rated(k: int, setting: ShadowSetting) -> LightFit:
         return _rated(gradients[k], telling[k], setting, guess)
 
-    starts = [
-        (k, rated(k, replace(setting, backdrop=wall)))
-        for k in range(len(gradients))
-        for wall in walls
-        for setting in _starts(first, guess)
-        if wall == inf or setting.light.direction[2] > 0.3
-    ]
+    starts = [(k, rated(k, setting)) for k in range(len(gradients)) for setting in _starts(first, guess)]
     starts.sort(key=lambda start: -start[1].likeness)
 
     def climbed(k: int, fit: LightFit) -> LightFit:
@@ -263,75 +234,6 @@ def refine_light(fine: LightGradients, setting: ShadowSetting, guess: LightGuess
     return LightFit(fit.setting, *fine.agreement(predicted_darkness(fine.joined, fit.setting)))
 
 
-def fit_wall(fine: LightGradients, fit: LightFit, guess: LightGuess) -> LightFit | None:
-    """The same with an upright wall behind, where shadows on one are seen as well as those on the floor."""
-    if fit.setting.light.direction[2] < 0.2:
-        return None
-    telling = fine.telling
-    floors = [what.floor for what in fine.joined if what.floor is not None]
-
-    def gain(setting: ShadowSetting, on_floor: F32) -> float:
-        """Correlation above the wall's foot; 0 where the floor alone, going on there, explains as much."""
-        foot = min(floors, default=inf) - setting.tilt * setting.backdrop - 3
-        on_both = predicted_darkness(telling, setting)
-        likeness, factor = fine.agreement(on_both, foot)
-        more = fine.explained(on_both, foot) > TUNING.wall_gain * fine.explained(on_floor, foot)
-        return likeness if more and 0.2 < factor < 4 else 0.0
-
-    plain = predicted_darkness(telling, replace(fit.setting, backdrop=inf))
-    backs = np.geomspace(*TUNING.wall_range, 12) * typical_size(fine.silhouettes)
-    tries = [replace(fit.setting, backdrop=float(back)) for back in backs]
-    best = sorted(((gain(p, plain), -k, p) for k, p in enumerate(tries)), reverse=True)[:2]
-    for likeness, _, setting in best:
-        if likeness > TUNING.half_seen:
-            found = refine_light(fine, setting, guess)
-            alone = predicted_darkness(telling, replace(found.setting, backdrop=inf))
-            if found.setting.backdrop < inf and gain(found.setting, alone) > BY_A_WALL:
-                return found
-    return None
-
-
-def settle_shadows(fine: LightGradients, fit: LightFit) -> LightFit:
-    """The shadows of objects in the air moved onto dark places near by, and the light's softness searched again.
-
-    Objects far off are drawn smaller, which no distant light explains.
-    """
-    best = fit
-    wide = (2.0,) if fit.setting.softness > 2.0 else ()
-    for guess in (fit.setting.softness, *wide):  # a light thought wide covers what lies astray
-        setting = replace(fit.setting, softness=guess)
-        shifts = tuple(_astray(fine, what, setting) for what in fine.joined)
-        if not any(dx or dy for dx, dy in shifts):
-            continue
-        for soft in (guess, 0.5 * guess, 2 * guess):
-            setting = replace(fit.setting, softness=soft)
-            likeness, factor = fine.agreement(predicted_darkness(fine.joined, setting, shifts))
-            if likeness > best.likeness:
-                best = replace(fit, setting=setting, likeness=likeness, factor=factor, shifts=shifts)
-    return best
-
-
-def _astray(fine: LightGradients, what: Silhouette, setting: ShadowSetting) -> Shift:
-    """The way from the predicted shadow of an object to its real one; (0, 0) for what stands on the floor."""
-    if what.floor is None:
-        return 0, 0
-    height = what.floor - what.corner[1] - what.coverage.shape[0]
-    across, down = int(TUNING.astray * height), int(0.3 * TUNING.astray * height)
-    if height < what.thick or across < 2:
-        return 0, 0
-    model = predicted_darkness([what], setting)
-    best, where = fine.agreement(model)[0] + TUNING.moved, (0, 0)
-    x, y, right, lower = 0, 0, across, down
-    while right > 1 or lower > 1:  # a finer and finer grid about the best so far
-        for dy in range(y - lower, y + lower + 1, max(1, lower // 3)):
-            for dx in range(x - right, x + right + 1, max(1, right // 5)):
-                likeness, _ = fine.agreement(np.roll(model, (dy, dx), axis=(0, 1)))
-                if likeness > best:
-                    best, where = likeness, (dx, dy)
-        (x, y), right, lower = where, right // 4, lower // 4
-    return where
-
-
 def _oddness(setting: ShadowSetting, factor: float) -> float:
     """Correlation that an unusual fit must gain: low or high light, a steep or a flat floor, other darkness."""
     x, y, z = setting.light.direction
@@ -372,9 +274,6 @@ def _coarse_steps(setting: ShadowSetting) -> Iterator[ShadowSetting]:
         yield with_direct_share(setting, share)
     for tilt in (0.05, 0.08, 0.12, 0.17):
         yield replace(setting, tilt=tilt)
-    if setting.backdrop < inf:
-        for part in (0.7, 0.85, 1.15, 1.4):
-            yield replace(setting, backdrop=part * setting.backdrop)
 
 
 def _fine_steps(setting: ShadowSetting, step: float) -> Iterator[ShadowSetting]:
@@ -383,8 +282,6 @@ def _fine_steps(setting: ShadowSetting, step: float) -> Iterator[ShadowSetting]:
         yield replace(setting, softness=min(max(setting.softness * by, 0.5), 45.0))
     for by in (1 + 2 * step, 1 / (1 + 2 * step)):
         yield replace(setting, tilt=min(max(setting.tilt * by, 0.02), 0.5))
-        if setting.backdrop < inf:
-            yield replace(setting, backdrop=setting.backdrop * by)
     now = setting.light.intensity / max(setting.light.intensity + setting.light.ambient, 1e-6)
     for share in (min(now + step, 0.98), max(now - step, 0.02)):
         yield with_direct_share(setting, share)
@@ -443,35 +340,6 @@ def wall_coverage(
     return total
 
 
-def refine_wall_shadow(gradients: LightGradients, shadow: WallShadow) -> WallShadow:
-    """Smaller steps from a wall shadow, and the softness of its edges, on a finer picture."""
-
-    def rated(one: WallShadow) -> WallShadow:
-        total = wall_coverage(gradients.silhouettes, one, gradients.scale, gradients.size)
-        soft = one.soft / gradients.scale
-        model = total if soft < 0.3 else np.asarray(cv2.GaussianBlur(total, (0, 0), soft), np.float32)
-        likeness, factor = gradients.agreement(model)
-        return replace(one, likeness=likeness, factor=factor)
-
-    def steps(one: WallShadow, step: float) -> list[WallShadow]:
-        (dx, dy) = one.shift
-        moved = [
-            replace(one, shift=(dx + a * step, dy + b * step)) for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1))
-        ]
-        return [*moved, replace(one, soft=one.soft * 1.5), replace(one, soft=one.soft / 1.5)]
-
-    best = rated(replace(shadow, soft=gradients.slopes[0][0] * gradients.scale))
-    for step in (4.0, 2.0, 1.0):
-        by = 0.01 * step
-        sizes = [replace(best, size=best.size + by), replace(best, size=best.size - by)]
-        tries = steps(best, step)
-        tries = [*tries[:4], *sizes, *tries[4:]]
-        for _ in range(2):
-            best = max([best, *(rated(one) for one in tries)], key=lambda one: one.likeness)
-            tries = steps(best, step)
-    return best
-
-
 def find_wall_shadow(gradients: LightGradients) -> WallShadow | None:
     """The best way to move the objects onto their shadows; None where no way keeps enough of them in sight."""
     width, near, right, down = gradients.slopes[-1]
@@ -506,5 +374,6 @@ def find_wall_shadow(gradients: LightGradients) -> WallShadow | None:
         if likeness[row, column] > (best.likeness if best else 0.0):
             shift = float(columns[column, 0]) * gradients.scale, float(rows[row, 0]) * gradients.scale
             factor = float(both[row, column] / own[row, column])
-            best = WallShadow(shift, size, float(likeness[row, column]), factor)
+            soft = gradients.slopes[0][0] * gradients.scale
+            best = WallShadow(shift, size, float(likeness[row, column]), factor, soft)
     return best

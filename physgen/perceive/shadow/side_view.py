@@ -11,17 +11,10 @@ import cv2
 import numpy as np
 
 from physgen.geometry.polygon import bounds
-from physgen.geometry.shadows import ShadowSetting, Silhouette
+from physgen.geometry.shadows import ShadowSetting, Silhouette, shadow_darkness
 from physgen.perceive.roles import F32, BoundaryGuess, Labels, LightGuess, Matter, PhotoObject, Rgb, Shadows
 from physgen.perceive.shadow.ambient_shade import find_ambient_shade
-from physgen.perceive.shadow.shadow_assignment import (
-    FAINT,
-    PREDICTED,
-    shadow_owners,
-    shadow_owners_by_model,
-)
 from physgen.perceive.shadow.shadow_fit import (
-    BY_A_WALL,
     COARSE,
     FINE,
     FULL,
@@ -32,24 +25,25 @@ from physgen.perceive.shadow.shadow_fit import (
     WallShadow,
     cast_on_wall,
     find_wall_shadow,
-    fit_wall,
     light_gradients,
     refine_light,
-    refine_wall_shadow,
     search_light,
-    settle_shadows,
     wall_coverage,
 )
-from physgen.perceive.shadow.shadow_removal import edge_ratio, remove_shadows
+from physgen.perceive.shadow.shadow_removal import (
+    FAINT,
+    PREDICTED,
+    edge_ratio,
+    remove_shadows,
+    shadow_owners,
+    shadow_owners_by_model,
+)
 from physgen.perceive.shadow.silhouettes import (
     Casts,
-    Shift,
-    group_silhouettes,
     join_silhouettes,
     lowest_floor,
     object_silhouettes,
     predicted_darkness,
-    shifted_darkness,
     typical_size,
 )
 from physgen.photometry import DistantLight
@@ -66,8 +60,6 @@ class _Limits:
     seen: float = 1.0  # up to this share there are shadows, though they lie too far astray to be removed
     faintest: float = 0.15  # depth of the faintest shadows
     darkest: float = 2.5  # depth of the darkest
-    # of an object's size: distances behind at which a wall is tried
-    walls: tuple[float, ...] = (0.3, 0.6, 1.2, 2.4)
     rough: int = 240  # px: longer side of the picture in which shadows on a wall are searched
 
 
@@ -118,9 +110,9 @@ def side_view_shadows(
     if given is None:
         return nothing
     wall = _wall_shadow(photo)
-    fits, floor = _floor_fits(photo, given, guess, search_walls=wall is None)
+    found, floor = _floor_fit(photo, given, guess)
     silhouettes = photo.silhouettes(1.0, floor)
-    for fit in (*fits, None):
+    for fit in (found, None) if found else (None,):
         if fit is None and wall is None:
             break
         dark = _predicted(silhouettes, fit, wall, photo.size)
@@ -170,8 +162,7 @@ def _predicted(
     """(H, W) -log of the light that the objects leave, on floor and wall."""
     dark = np.zeros(size[::-1], np.float32)
     if fit is not None:
-        joined = predicted_darkness(join_silhouettes(silhouettes), fit.setting, _shifts(fit, silhouettes))
-        dark += np.float32(fit.factor) * joined
+        dark += np.float32(fit.factor) * predicted_darkness(join_silhouettes(silhouettes), fit.setting)
     if wall is not None:
         dark += np.float32(wall.factor) * _softened(wall_coverage(silhouettes, wall, 1.0, size), wall)
     return np.minimum(dark, LIMITS.darkest)
@@ -186,28 +177,19 @@ def _casts(
 ) -> Casts:
     """Shadows of each object on floor and wall."""
     if fit is not None:
-        for group, shift in zip(group_silhouettes(silhouettes), _shifts(fit, silhouettes), strict=True):
-            for what in group:
-                if (found := shifted_darkness(what, fit.setting, shift)) is not None:
-                    yield what.id, found[0], np.float32(fit.factor) * found[1]
+        for what in silhouettes:
+            if (found := shadow_darkness(what, fit.setting)) is not None:
+                yield what.id, found[0], np.float32(fit.factor) * found[1]
     if wall is not None:
         for what in silhouettes:
             soft = _softened(cast_on_wall(what, wall, 1.0, size), wall)
             yield what.id, (0, 0, *size), np.asarray(np.float32(wall.factor) * soft, np.float32)
 
 
-def _shifts(fit: LightFit, silhouettes: Sequence[Silhouette]) -> list[Shift]:
-    """The shift of the shadow of each group, px of the photo; other scales may group otherwise."""
-    return [fit.moved.get(group[0].id, (0, 0)) for group in group_silhouettes(silhouettes)]
-
-
-def _floor_fits(
-    photo: _Photo, given: LightGradients, guess: LightGuess, *, search_walls: bool
-) -> tuple[list[LightFit], float | None]:
-    """Lights whose shadows lie on the floor, in px of the photo, the likeliest first; the floor's row if it is a guess.
-
-    `search_walls`: whether some may fall on a wall behind.
-    """
+def _floor_fit(
+    photo: _Photo, given: LightGradients, guess: LightGuess
+) -> tuple[LightFit | None, float | None]:
+    """A light whose shadows lie on the floor, in px of the photo, if there is one; and the floor's row if guessed."""
     coarse: list[LightGradients] = [given]
     floors: list[float | None] = [None]
     lowest = lowest_floor(photo.boundaries)
@@ -218,28 +200,16 @@ def _floor_fits(
         if other is not None:
             coarse.append(other)
             floors.append(lowest)
-
-    def found(walls: Sequence[float]) -> tuple[LightGradients, LightFit, float | None]:
-        k, rough = search_light(coarse, guess, walls)
-        fine = photo.gradients(FINE, floors[k])
-        assert fine is not None
-        start = _rescaled(rough.setting, given.scale / fine.scale, fine.size)
-        return fine, refine_light(fine, start, guess), floors[k]
-
-    fine, plain, floor = found((inf,))
-    fits = [plain]
-    if search_walls and (walled := fit_wall(fine, plain, guess)) is not None:
-        fits.insert(0, walled)
-    elif search_walls and not _is_sure(fine, plain):  # close to a wall, hardly any shadow falls elsewhere
-        fine, walled, floor = found([part * typical_size(given.silhouettes) for part in LIMITS.walls])
-        fits = [walled]
-    return [
-        _full_size(fine, settle_shadows(fine, fit), photo.size) for fit in fits if _is_sure(fine, fit)
-    ], floor
-
-
-def _rescaled(setting: ShadowSetting, by: float, size: tuple[int, int]) -> ShadowSetting:
-    return replace(setting, backdrop=setting.backdrop * by, size=size)
+    k, rough = search_light(coarse, guess)
+    fine = photo.gradients(FINE, floors[k])
+    assert fine is not None
+    fit = refine_light(fine, replace(rough.setting, size=fine.size), guess)
+    if not _is_sure(fine, fit):
+        return None, floors[k]
+    each = fit.factor
+    if len(fine.joined) < len(fine.silhouettes):
+        _, each = fine.agreement(predicted_darkness(fine.silhouettes, fit.setting))
+    return replace(fit, setting=replace(fit.setting, size=photo.size), each=each), floors[k]
 
 
 def _is_sure(fine: LightGradients, fit: LightFit) -> bool:
@@ -247,21 +217,8 @@ def _is_sure(fine: LightGradients, fit: LightFit) -> bool:
     model = predicted_darkness(fine.joined, fit.setting) * fine.known
     seen = model[model > 0.02]
     depth = fit.factor * float(np.percentile(seen, 95)) if seen.size else 0.0
-    least = LIMITS.alike if fit.setting.backdrop == inf else BY_A_WALL
     sure = fit.likeness + LIMITS.deep * min(depth, 1.0) > LIMITS.sure
-    return depth > LIMITS.faintest and fit.likeness > least and sure
-
-
-def _full_size(fine: LightGradients, fit: LightFit, size: tuple[int, int]) -> LightFit:
-    """The same in px of the photo, of `size` (W, H), with the darkness of each object's own shadow."""
-    groups = zip(group_silhouettes(fine.silhouettes), fit.shifts, strict=True) if fit.shifts else ()
-    moved = {
-        w.id: (round(dx * fine.scale), round(dy * fine.scale)) for group, (dx, dy) in groups for w in group
-    }
-    each = fit.factor
-    if len(fine.joined) < len(fine.silhouettes):
-        _, each = fine.agreement(predicted_darkness(fine.silhouettes, fit.setting))
-    return replace(fit, setting=_rescaled(fit.setting, fine.scale, size), each=each, shifts=(), moved=moved)
+    return depth > LIMITS.faintest and fit.likeness > LIMITS.alike and sure
 
 
 def _wall_shadow(photo: _Photo) -> WallShadow | None:
@@ -270,8 +227,6 @@ def _wall_shadow(photo: _Photo) -> WallShadow | None:
     wall = None if rough is None else find_wall_shadow(rough)
     if rough is None or wall is None or not wall.convincing(len(rough.silhouettes)):
         return None
-    fine = photo.gradients(FINE)
-    wall = wall if fine is None else refine_wall_shadow(fine, wall)
     return wall if wall.factor > LIMITS.faintest else None
 
 

@@ -18,8 +18,6 @@ SUNK = 3.0  # px by which an object may reach below its floor
 MARGIN = 2  # px around objects where the background still shows traces of them
 DARKEST = 2e-3  # linear light added before logarithms and ratios: black has neither
 
-Shift = tuple[int, int]
-"""px right and down."""
 Casts = Iterator[tuple[int, PixelBox, F32]]
 """Of each object its id, a box of the photo, and -log of the light that it leaves there."""
 
@@ -72,9 +70,8 @@ def object_silhouettes(
     return found
 
 
-def group_silhouettes(silhouettes: Sequence[Silhouette]) -> list[list[Silhouette]]:
-    """Each ball alone; then all others, those of one floor and like thickness together."""
-    balls = [[what] for what in silhouettes if what.radius is not None]
+def join_silhouettes(silhouettes: Sequence[Silhouette]) -> list[Silhouette]:
+    """Each ball; then all others, those of one floor and like thickness as one: so are their shadows."""
     groups: list[list[Silhouette]] = []
     for what in sorted((w for w in silhouettes if w.radius is None), key=lambda w: w.thick):
         for group in groups:
@@ -83,14 +80,7 @@ def group_silhouettes(silhouettes: Sequence[Silhouette]) -> list[list[Silhouette
                 break
         else:
             groups.append([what])
-    return balls + groups
-
-
-def join_silhouettes(silhouettes: Sequence[Silhouette]) -> list[Silhouette]:
-    """One for each group: the shadows of objects that stand side by side are one too."""
-    return [
-        group[0] if group[0].radius is not None else _union(group) for group in group_silhouettes(silhouettes)
-    ]
+    return [what for what in silhouettes if what.radius is not None] + [_union(group) for group in groups]
 
 
 def _union(group: Sequence[Silhouette]) -> Silhouette:
@@ -144,29 +134,12 @@ def away_from_objects(coverage: F32, margin: int = MARGIN) -> Mask:
     return np.asarray(cv2.dilate((coverage > 0).astype(np.uint8), square) == 0)
 
 
-def predicted_darkness(
-    silhouettes: Sequence[Silhouette], setting: ShadowSetting, shifts: Sequence[Shift] = ()
-) -> F32:
-    """(h, w) -log of the light that objects leave; `shifts`: by how much each one's shadow lies elsewhere."""
+def predicted_darkness(silhouettes: Sequence[Silhouette], setting: ShadowSetting) -> F32:
+    """(h, w) -log of the light that objects leave."""
     w, h = setting.size
     model = np.zeros((h, w), np.float32)
-    for k, what in enumerate(silhouettes):
-        if (found := shifted_darkness(what, setting, shifts[k] if shifts else (0, 0))) is not None:
+    for what in silhouettes:
+        if (found := shadow_darkness(what, setting)) is not None:
             (x0, y0, x1, y1), values = found
             model[y0:y1, x0:x1] += values
     return model
-
-
-def shifted_darkness(what: Silhouette, setting: ShadowSetting, shift: Shift) -> tuple[PixelBox, F32] | None:
-    """A box of the photo and (h, w) -log of the light that is left there; None where no shadow lies in the photo."""
-    found = shadow_darkness(what, setting)
-    if found is None or shift == (0, 0):
-        return found
-    (x0, y0, x1, y1), values = found
-    dx, dy = shift
-    left, top = max(x0 + dx, 0), max(y0 + dy, 0)
-    right, bottom = min(x1 + dx, setting.size[0]), min(y1 + dy, setting.size[1])
-    if right <= left or bottom <= top:
-        return None
-    part = np.s_[top - y0 - dy : bottom - y0 - dy, left - x0 - dx : right - x0 - dx]
-    return (left, top, right, bottom), values[part]

@@ -1,4 +1,4 @@
-"""Photos from the side, shadows drawn as polygons and ellipses: lifted where they are, left alone where none are."""
+"""Shadows drawn as polygons and ellipses: lifted where they are and given to what casts them, none found elsewhere."""
 
 from __future__ import annotations
 
@@ -67,12 +67,17 @@ def photo(shade: np.ndarray, blocks: list[tuple[int, int, int]], picture: np.nda
     return srgb(picture * (1 - shade)[..., None]), labels, things
 
 
-def lift(background, labels, things, walls=None):
+def lift(background, labels, things, walls=None, view=View.SIDE):
     floor = Wall("floor", ((-0.5, FLOOR), (WIDTH - 0.5, FLOOR)), 0.5, 0.5, 0.9, "", "")
-    setting = BoundaryGuess(View.SIDE, 1.0, "", (floor,) if walls is None else walls)
+    setting = BoundaryGuess(view, 1.0, "", (floor,) if walls is None else walls)
     matter = registry.make("physics")(background, things, None)
     coverage = (labels > 0).astype(np.float32)
     return registry.make("shadow")(background, coverage, labels, things, matter, setting, GUESS)
+
+
+def overlap(one: np.ndarray, other: np.ndarray) -> float:
+    """Intersection over union."""
+    return float((one & other).sum() / max((one | other).sum(), 1))
 
 
 BLOCKS = [(120, 149, 180), (250, 279, 190)]
@@ -80,10 +85,8 @@ BLOCKS = [(120, 149, 180), (250, 279, 190)]
 
 @pytest.mark.parametrize("side", [1, -1])
 def test_a_block_shadow_on_the_floor_is_lifted(side) -> None:
-    shade = np.zeros((HEIGHT, WIDTH), np.float32)
-    for x0, x1, top in BLOCKS:
-        np.maximum(shade, cast(x0 - 0.5, x1 + 0.5, 240.5 - top, 40, side * 1.3, -0.8), out=shade)
-    shade = 0.55 * cv2.GaussianBlur(shade, (0, 0), 1.0)
+    each = [cast(x0 - 0.5, x1 + 0.5, 240.5 - top, 40, side * 1.3, -0.8) for x0, x1, top in BLOCKS]
+    shade = 0.55 * cv2.GaussianBlur(np.maximum(*each), (0, 0), 1.0)
     truth = srgb(room())
     background, labels, things = photo(shade, BLOCKS, room())
     found = lift(background, labels, things)
@@ -98,37 +101,12 @@ def test_a_block_shadow_on_the_floor_is_lifted(side) -> None:
     assert before[dark].mean() > 30
     assert after[dark].mean() < 5
     assert after[free & (shade < 0.003)].mean() < 0.2, "and nothing else"
-
-
-def test_a_wall_behind_takes_what_the_floor_does_not() -> None:
-    """The floor's shadow ends at the wall's foot, 60 px back; above it stands the block's, moved and drawn out."""
-    back, ax, az = 60.0, 0.9, -1.1
-    foot = int(FLOOR - TILT * back)
-    shade = np.zeros((HEIGHT, WIDTH), np.float32)
-    picture = room()
-    picture[foot:200] = picture[200:201]
-    picture[200 : foot + 1] = picture[199:200]
-    for x0, x1, top in BLOCKS:
-        floor = cast(x0 - 0.5, x1 + 0.5, 240.5 - top, 40, ax, az)
-        floor[:foot] = 0
-        moves = [(ax / -az * d, d / -az - TILT * back) for d in (back - 20, back + 20)]
-        corners = [(x, y) for x in (x0 - 0.5, x1 + 0.5) for y in (top - 20.5, 240.5)]
-        wall = drawn([(x + dx, y + dy) for x, y in corners for dx, dy in moves])
-        wall[foot:] = 0
-        np.maximum(shade, np.maximum(floor, wall), out=shade)
-    shade = 0.5 * cv2.GaussianBlur(shade, (0, 0), 1.2)
-    blocks = [(x0, x1, top - 20) for x0, x1, top in BLOCKS]
-    background, labels, things = photo(shade, blocks, picture)
-    found = lift(background, labels, things)
-    assert found.clean is not None
-    assert found.backdrop == pytest.approx(back, rel=0.5)
-    free = cv2.dilate((labels > 0).astype(np.uint8), np.ones((7, 7), np.uint8)) == 0
-    dark = free & (shade > 0.2)
-    before, after = (
-        np.abs(p.astype(int) - srgb(picture)).max(-1)[dark].mean() for p in (background, found.clean)
-    )
-    assert before > 30
-    assert after < 0.3 * before
+    assert found.owners is not None
+    assert found.owners.dtype == np.uint16
+    for k, one in enumerate(each, 1):
+        assert overlap(free & (found.owners == k), free & (one > 0.2)) > 0.6
+        assert (found.owners[free & (one > 0.9)] == k).mean() > 0.95
+    assert not found.owners[:200].any(), "the wall behind has none"
 
 
 def test_a_hole_in_a_shadow_is_filled_in_the_light() -> None:
@@ -189,3 +167,21 @@ def test_balls_before_a_wall_leave_no_shadows_on_it() -> None:
     )
     assert before > 30
     assert after < 6
+
+
+def test_from_above_each_ball_owns_the_patch_beside_it() -> None:
+    """On a table a ball's shadow from 45 degrees is its disc moved by one radius and drawn out along the light."""
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    labels, things, each = np.zeros((HEIGHT, WIDTH), np.uint16), [], []
+    for k, (cx, cy) in enumerate([(120.0, 100.0), (260.0, 120.0), (190.0, 220.0)], 1):
+        labels[np.hypot(x - cx, y - cy) <= 22] = k
+        things.append(PhotoObject(k, Disc(np.array([cx, cy]), 22.0), "ball"))
+        each.append(np.hypot((x - cx - 22) / 2**0.5, y - cy) <= 22)
+    shade = cv2.GaussianBlur(np.any(each, axis=0).astype(np.float32), (0, 0), 1.0)
+    grain = cv2.GaussianBlur(np.random.default_rng(5).normal(0, 1, (HEIGHT, WIDTH)), (0, 0), 1.0)
+    table = np.array([0.42, 0.36, 0.30]) * np.exp(0.03 * grain / grain.std())[..., None]
+    found = lift(srgb(table * (1 - 0.55 * shade)[..., None]), labels, things, (), View.TOP)
+    assert found.owners is not None
+    free = cv2.dilate((labels > 0).astype(np.uint8), np.ones((5, 5), np.uint8)) == 0
+    for k, one in enumerate(each, 1):
+        assert overlap(free & (found.owners == k), free & one) > 0.6
