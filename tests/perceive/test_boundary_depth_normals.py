@@ -151,16 +151,6 @@ def pool() -> Drawn:
     return drawn
 
 
-def board() -> Drawn:
-    """A shelf's board before a wall, a block on it."""
-    drawn = Drawn()
-    drawn.wall(1.3)
-    drawn.level(0.2, x0=-0.2, x1=0.2, z0=0.93, z1=1.3)
-    drawn.front(-0.2, 0.2, 0.2, 0.25, z=0.93, colour=(240, 240, 240), scenery=1)
-    drawn.front(-0.05, 0.05, 0.08, 0.2, label=1)
-    return drawn
-
-
 NOISE = [0.0, 0.01]
 
 
@@ -206,17 +196,7 @@ def test_cushions_of_a_table_seen_from_above(noise):
     assert [w.name for w in setting.walls] == ["cushion-1", "cushion-2", "cushion-3", "cushion-4"]
 
 
-@pytest.mark.parametrize("noise", NOISE)
-def test_a_shelf_board_has_ends_and_an_underside(noise):
-    setting = board().run(View.SIDE, noise=noise)
-    z = 0.93
-    assert off(setting, px(-0.2, 0.2), px(0.2, 0.2)) < 2
-    assert off(setting, px(-0.2, 0.25, z), px(0.2, 0.25, z)) < 2
-    for x in (-0.2, 0.2):
-        assert off(setting, px(x, 0.21, z), px(x, 0.245, z)) < 2
-
-
-@pytest.mark.parametrize("make", [table, ramp, pool, board])
+@pytest.mark.parametrize("make", [table, ramp, pool])
 def test_any_scale_and_shift_of_depth_gives_the_same_edges(make):
     first = make().run()
     for scale, shift in ((0.001, 5.0), (1000.0, -70.0), (0.3, 0.0)):

@@ -53,12 +53,3 @@ def test_a_hidden_corner_of_a_box_is_a_corner() -> None:
     photo = truth.copy()
     photo[hole] = [120, 60, 30]
     assert off(registry.make("inpaint")(photo, hole), truth, hole) < 3
-
-
-def test_nothing_is_carried_on_where_there_is_no_border() -> None:
-    truth = np.full((SIZE, SIZE, 3), 128, np.uint8)
-    hole = np.zeros((SIZE, SIZE), bool)
-    hole[60:100, 20:140] = True
-    photo = truth.copy()
-    photo[hole] = 0
-    assert off(registry.make("inpaint")(photo, hole), truth, hole) < 1

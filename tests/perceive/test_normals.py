@@ -6,7 +6,7 @@ import pytest
 
 from physgen import registry
 from physgen.perceive.backends.normals_blended import _shared_bulges
-from physgen.perceive.maps.shape_normals import cushion_tilts, hidden_ball, solid_of_revolution
+from physgen.perceive.maps.shape_normals import cushion_tilts, hidden_ball, turned_tilts
 from physgen.photometry import DistantLight
 from physgen.scene.scene import View
 from tests.perceive.lambertian import apart, ball, boxed, can, plain, rendered, setting, towards
@@ -45,17 +45,6 @@ def test_a_box_faces_the_viewer():
     assert off[labels == 0].mean() < 1  # no table is seen
 
 
-def test_mirrored_photo_mirrored_normals():
-    normals, labels, thing = can()
-    shape = boxed(80, 160, 60, 190)[1].outline
-    rgb = rendered(normals, plain(labels=labels), LIGHT)
-    said = seen(rgb, labels, [thing])
-    flipped = seen(np.ascontiguousarray(rgb[:, ::-1]), np.ascontiguousarray(labels[:, ::-1]), [thing])
-    assert shape is not None
-    back = flipped[:, ::-1] * np.array([-1, 1, 1], np.float32)
-    assert apart(said, back)[labels > 0].mean() < 4
-
-
 def test_an_ellipse_blows_up_to_an_ellipsoid():
     y, x = np.mgrid[:100, :140].astype(np.float32)
     u, v = (x - 69.5) / 60, (y - 49.5) / 40
@@ -74,7 +63,7 @@ def test_a_cone_is_turned():
     for row in range(10, 110):
         half = 10 + 0.3 * (row - 10)
         own[row, int(60 - half) : int(60 + half)] = True
-    field = solid_of_revolution(own).field()
+    field = turned_tilts(own)
     assert field[60, 60, 1] == pytest.approx(-0.3 / np.hypot(1, 0.3), abs=0.03)
     assert abs(field[60, 60, 0]) < 0.05
 

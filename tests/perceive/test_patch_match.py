@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from physgen import registry
-from physgen.perceive.inpaint.patch_match import thin_out
 
 MIB = 2**20
 
@@ -32,12 +31,3 @@ def test_long_photos_take_little_memory(height: int, width: int) -> None:
     assert peak < 300 * MIB
     assert np.array_equal(filled[~hole], photo[~hole])
     assert abs(filled[hole] - truth[hole]).mean() < 12
-
-
-def test_fewer_places_are_spread_evenly() -> None:
-    places = np.argwhere(np.ones((60, 200), bool))
-    some = thin_out(places, 1000)
-    assert 990 <= len(some) <= 1010
-    count, _, _ = np.histogram2d(some[:, 0], some[:, 1], [3, 10])
-    assert count.min() > 0.6 * count.mean()
-    assert np.array_equal(thin_out(places, 12000), places)

@@ -8,7 +8,7 @@ import pytest
 
 from physgen import registry
 from physgen.geometry.polygon import Disc, Region, Ring
-from physgen.perceive.roles import BoundaryGuess, LightGuess, PhotoObject, Wall
+from physgen.perceive.roles import BoundaryGuess, LightGuess, PhotoObject, Shadows, Wall
 from physgen.perceive.shadow.shadow_removal import refill_background
 from physgen.photometry import DistantLight
 from physgen.scene.scene import View
@@ -185,3 +185,123 @@ def test_from_above_each_ball_owns_the_patch_beside_it() -> None:
     free = cv2.dilate((labels > 0).astype(np.uint8), np.ones((5, 5), np.uint8)) == 0
     for k, one in enumerate(each, 1):
         assert overlap(free & (found.owners == k), free & one) > 0.6
+
+
+# soft light from all sides leaves it dark about feet and rims
+
+DISCS = [(100.0, 90.0, 24.0), (250.0, 80.0, 24.0), (380.0, 150.0, 24.0), (160.0, 220.0, 24.0)]
+
+
+def ice() -> np.ndarray:
+    """(H, W, 3) linear: two colours in wide stripes, and grain."""
+    grain = cv2.GaussianBlur(np.random.default_rng(5).normal(0, 1, (HEIGHT, WIDTH)), (0, 0), 1.0)
+    stripe = (np.arange(WIDTH) // 120 % 2 == 0)[None, :, None]
+    picture = np.where(stripe, np.array([0.5, 0.55, 0.6]), np.array([0.15, 0.2, 0.5]))
+    return picture * np.exp(0.03 * grain / grain.std())[..., None]
+
+
+def stones(dark: float, moved: tuple[int, int] = (0, 0)) -> tuple[Shadows, np.ndarray, np.ndarray]:
+    """What the role says of stones on ice, (H, W) how far each pixel is from their rims, and the ice in the light.
+
+    Light at a rim falls by `dark` and comes back with distance; `moved`: the dark rims lie elsewhere.
+    """
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    labels, things = np.zeros((HEIGHT, WIDTH), np.uint16), []
+    away = np.full((HEIGHT, WIDTH), 1e3)
+    for k, (cx, cy, r) in enumerate(DISCS, 1):
+        labels[np.hypot(x - cx, y - cy) <= r] = k
+        things.append(PhotoObject(k, Disc(np.array([cx, cy]), r), "curling stone"))
+        away = np.minimum(away, np.abs(np.hypot(x - cx - moved[0], y - cy - moved[1]) - r))
+    lit = ice()
+    background = srgb(lit * np.exp(-dark * np.exp(-away / 6))[..., None])
+    found = lift(background, labels, things, (), View.TOP)
+    return found, np.where(labels > 0, -1.0, away), srgb(lit)
+
+
+def test_rims_of_stones_are_found_and_lifted() -> None:
+    found, away, lit = stones(0.35)
+    assert found.clean is not None
+    assert found.faint, "little was lifted: the first fill is kept"
+    near = (away > 2) & (away < 8)
+    before = np.abs(srgb(ice() * np.exp(-0.35 * np.exp(-away / 6))[..., None]).astype(int) - lit)[near].mean()
+    after = np.abs(found.clean.astype(int) - lit)[near].mean()
+    assert after < 0.5 * before
+    assert found.owners is not None
+    told = found.owners > 0
+    assert told[(away > 2) & (away < 5)].mean() > 0.8
+    assert not told[away > 25].any()
+    assert np.unique(found.owners[told]).tolist() == [1, 2, 3, 4]
+
+
+def test_no_rims_none_found() -> None:
+    assert stones(0.0)[0].clean is None
+    assert stones(0.0)[0].owners is None
+
+
+def test_dark_rings_that_lie_beside_the_stones_are_paint() -> None:
+    assert stones(0.35, moved=(0, -70))[0].clean is None
+
+
+def plank(dark: float) -> tuple[Shadows, np.ndarray]:
+    """What the role says of a plank on two feet under an even sky, and (H, W) where it must be dark: below it."""
+    labels = np.zeros((HEIGHT, WIDTH), np.uint16)
+    ring = [(150, 214), (330, 214), (330, 241), (310, 241), (310, 226), (170, 226), (170, 241), (150, 241)]
+    cv2.fillPoly(labels, [np.array(ring, np.int32)], 1)
+    labels[241:] = 0
+    outline = Region((Ring(np.array(ring, float) - [0, 0.5]),))
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    below = np.exp(-(((y - 237) / 5.0) ** 2)) / (1 + np.exp((np.abs(x - 240) - 85) / 6.0))
+    grain = cv2.GaussianBlur(np.random.default_rng(5).normal(0, 1, (HEIGHT, WIDTH)), (0, 0), 1.0)
+    picture = np.array([0.42, 0.36, 0.30]) * np.exp(0.03 * grain / grain.std() - dark * below)[..., None]
+    found = lift(srgb(picture), labels, [PhotoObject(1, outline, "board")])
+    open_ = cv2.dilate((labels > 0).astype(np.uint8), np.ones((5, 5), np.uint8)) == 0
+    return found, open_ & (below > 0.3)
+
+
+def test_it_is_dark_under_a_plank() -> None:
+    found, below = plank(0.6)
+    assert found.owners is not None
+    assert (found.owners[below] > 0).mean() > 0.7
+    assert not found.owners[:200].any()
+
+
+def test_a_plank_in_the_light_throws_nothing() -> None:
+    found, _ = plank(0.0)
+    assert found.clean is None
+    assert found.owners is None
+
+
+# refilling
+
+Y, X = np.mgrid[:120, :200]
+BOARDS = np.where((Y < 60)[..., None], [150, 120, 90], [200, 180, 160])
+BOARDS = np.clip(BOARDS + np.random.default_rng(0).normal(0, 3, (120, 200, 1)), 0, 255).astype(np.uint8)
+LEFT, RIGHT = np.hypot(X - 50, Y - 70) < 14, np.hypot(X - 150, Y - 70) < 14
+SHADOW = (np.hypot((X - 172) / 2, Y - 84) < 6) & ~RIGHT
+
+
+def never(*_: object) -> None:
+    raise AssertionError("nothing is to be filled")
+
+
+def test_where_nothing_was_lifted_the_first_fill_stays() -> None:
+    inpaint = registry.make("inpaint")
+    coverage = LEFT.astype(np.float32)
+    photo = np.where(LEFT[..., None], np.uint8(20), BOARDS)
+    background = inpaint(photo, LEFT)
+    assert np.array_equal(refill_background(background, background, coverage, never), background)  # type: ignore[arg-type]
+
+
+def test_only_the_fill_near_a_lifted_shadow_changes() -> None:
+    """Two balls, one with a shadow: behind the other nothing changes, and behind this one no shadow is left."""
+    inpaint = registry.make("inpaint")
+    both = LEFT | RIGHT
+    coverage = both.astype(np.float32)
+    dark = np.where(SHADOW[..., None], BOARDS // 3, BOARDS)
+    background = inpaint(np.where(both[..., None], np.uint8(20), dark), both)
+    lifted = np.where(SHADOW[..., None], BOARDS, background)
+    clean = refill_background(lifted, background, coverage, inpaint)
+    assert np.array_equal(clean[LEFT], background[LEFT])
+    before, after = (abs(p[RIGHT].astype(float) - BOARDS[RIGHT]).mean() for p in (background, clean))
+    assert after <= before
+    assert after < 8

@@ -24,7 +24,6 @@ from physgen.perceive.support.ground_contact import (
     find_foot,
     fit_rectangles,
     floor_points,
-    free_ends,
     group_feet,
     is_carried,
     level_feet,
@@ -152,10 +151,9 @@ def _floors(
         sloped, is_ground = abs(line.slope) > STEEP, group is ground
         deep = solid(line, group) if solid else None
         source = "lowest points" if deep is None else "depth and lowest points"
-        wish = deep or photo.reach(line, group, is_ground)
-        others = [t for t in objects if all(t is not f.item for f in group)]
-        ends = free_ends(line, group, [t for t in others if not t.cut], wish)
-        for part in free_parts(floor_points(line, group, ends), [t.outline for t in others]):
+        ends = deep or photo.reach(line, group, is_ground)
+        others = [t.outline for t in objects if all(t is not f.item for f in group)]
+        for part in free_parts(floor_points(line, group, ends), others):
             on = [f for f in group if part[0][0] <= f.right[0] and part[-1][0] >= f.left[0]]
             if not on:
                 continue

@@ -12,11 +12,9 @@ Malik 2015 in its priors, not in its method.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from physgen.perceive.maps.lambert import fit_light, pixel_pairs
 from physgen.perceive.roles import F32, Intrinsic, Intrinsics, Labels, Rgb
@@ -47,7 +45,6 @@ class _Priors:
     flat: float = -0.15  # and over that behind them, without a table
     own: float = 0.15  # share of how much lighter an object looks that is shading's: neighbours are lit alike
     even: float = 0.5  # the least share of ambient light: rooms are bright in the shade
-    window: int = 5  # in which fine detail is parted as its surroundings are (He et al. 2013, guided filter)
     brightest: float = 0.9  # albedo of the photo's lightest surfaces
 
 
@@ -72,11 +69,7 @@ def _retinex(rgb: Rgb, labels: Labels, normals: F32) -> Intrinsics:
     lambert = _lambert(linear, labels, normals, size)
     ids = np.asarray(cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST), np.uint16)
     log_shading = _levelled(_parted(small, level, lambert, ids), level, normals, ids)
-    slope, base = (
-        np.asarray(cv2.resize(part, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
-        for part in _detail(log_shading, level)
-    )
-    shading = np.asarray(np.exp(slope * _level(linear) + base), np.float32)
+    shading = np.exp(cv2.resize(log_shading, (width, height), interpolation=cv2.INTER_LINEAR))
     most = linear.max(axis=2)
     shading *= np.float32(max(float(np.percentile(most / shading, 99.5)), 1e-6) / PRIORS.brightest)
     shading = np.maximum(shading, most)  # no surface reflects more light than it gets
@@ -176,15 +169,3 @@ def _screened_poisson(across: F32, down: F32, far: F32) -> F32:
     right[1:] += down
     waves = (2 - 2 * np.cos(np.pi * np.arange(h) / h))[:, None] + (2 - 2 * np.cos(np.pi * np.arange(w) / w))
     return np.asarray(cv2.idct(cv2.dct(right) / (PRIORS.hold + waves)), np.float32)
-
-
-def _detail(shading: F32, level: F32) -> tuple[F32, F32]:
-    """(h, w) slope and base with shading = slope x level + base in each window."""
-
-    def mean(values: NDArray[Any]) -> F32:
-        return np.asarray(cv2.blur(values, (PRIORS.window, PRIORS.window)), np.float32)
-
-    m, s = mean(level), mean(shading)
-    slope = (mean(level * shading) - m * s) / (mean(level * level) - m * m + np.float32(0.01))
-    slope = np.clip(slope, 0, 1).astype(np.float32)
-    return mean(slope), mean(s - slope * m)

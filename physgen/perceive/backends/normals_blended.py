@@ -11,14 +11,13 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from physgen.geometry.polygon import Disc
 from physgen.perceive.maps.shape_normals import (
     ball_tilts,
     cushion_tilts,
     hidden_ball,
-    solid_of_revolution,
+    turned_tilts,
     without_thin_parts,
 )
 from physgen.perceive.roles import F32, BoundaryGuess, Labels, Mask, Normals, PhotoObject, Rgb
@@ -60,8 +59,6 @@ class _Limits:
     floor: float = -0.2  # y of the network's normals, below which a row may be a table ...
     floor_drop: float = 0.12  # ... and how much more than those above it
     sharp: float = 0.02  # change of light a px at the edge of a table
-    apart: float = 0.15  # change of light from behind a table to it
-    depth: float = 0.22  # of the photo's height: how far a table reaches up behind the first edge found
     tilt: float = 8.0  # degrees that a camera mostly looks down on a table
 
 
@@ -153,7 +150,7 @@ def _turned(own: Mask, body: Mask) -> tuple[F32, int]:
     """An object as a solid of revolution, its handles as cushions; and 0 for an upright axis, 1 for a lying one."""
     wide = own.shape[1] > 2 * own.shape[0]
     lying = wide and _iou(body, body[::-1]) >= _iou(body, body[:, ::-1])  # a pencil lies, a saucer stands
-    form = solid_of_revolution(body.T if lying else body).field()
+    form = turned_tilts(body.T if lying else body)
     field = form.transpose(1, 0, 2)[..., ::-1] if lying else form
     beside = own & ~body
     if beside.any():
@@ -251,10 +248,7 @@ def _tilt_table(tilts: F32, labels: Labels, seen: F32, level: F32, boundaries: B
     if len(known) < 16:
         return
     every = np.arange(height)
-    up, light = (
-        np.interp(every, known, [float(np.median(part[y, free[y]])) for y in known])
-        for part in (seen[..., 1], level)
-    )
+    up = np.interp(every, known, [float(np.median(seen[y, free[y], 1])) for y in known])
     step = np.abs(np.diff(cv2.GaussianBlur(level, (0, 0), 1.0), axis=0))
     sharp = np.median(step, axis=1)
     lines = [int(y) for wall in boundaries.walls if wall.name.startswith("floor") for _, y in wall.points]
@@ -269,18 +263,5 @@ def _tilt_table(tilts: F32, labels: Labels, seen: F32, level: F32, boundaries: B
     if at < 0:
         return
     ground = free.copy()
-    ground[: _far_edge(light, at)] = False
+    ground[:at] = False
     tilts[ground] = (0, -np.cos(np.radians(LIMITS.tilt)))
-
-
-def _far_edge(light: NDArray[np.float64], near: int) -> int:
-    """Row of a table's far edge, at `near` or above, as far as the table continues in the rows' light (H,)."""
-    height = len(light)
-    wide = max(4, height // 10)
-    best, at = LIMITS.apart, near
-    for y in range(max(height // 4, near - round(LIMITS.depth * height)), near - 3):
-        table = light[y:near].mean()
-        gain = abs(light[max(0, y - wide) : y].mean() - table) - abs(table - light[near : near + wide].mean())
-        if gain > best:
-            best, at = gain, y
-    return at

@@ -9,19 +9,17 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from physgen.geometry.circles import robust_circle
 from physgen.geometry.polygon import Array
+from physgen.perceive.inpaint.poisson import harmonic_fill
 from physgen.perceive.roles import F32, Mask
 
 
 @dataclass(frozen=True)
 class _Limits:
-    """Grid of a cushion, and what is taken for a part of a ball."""
+    """What is taken for a part of a ball."""
 
-    coarse: int = 56  # px, the longer side of the grid on which a cushion is inflated
-    iterations: int = 90  # of conjugate gradients on that grid
     tries: int = 8  # halves of the border of a hidden ball through which a circle is laid
     arc: float = 0.55  # share of its border on one circle
     fit: float = 0.03  # of the radius, that the border may be off it
@@ -29,21 +27,6 @@ class _Limits:
 
 
 LIMITS = _Limits()
-
-
-@dataclass(frozen=True)
-class SolidOfRevolution:
-    """A mask as a solid of revolution with an upright axis."""
-
-    across: F32
-    """(h, w): place across, -1 at its left border, 1 at its right."""
-    flare: F32
-    """(h, w): change of the radius a row, to the bottom."""
-
-    def field(self) -> F32:
-        """The normals of a surface of revolution seen from far."""
-        length = np.sqrt(1 + self.flare**2)
-        return np.stack([np.clip(self.across, -1, 1) / length, -self.flare / length], -1).astype(np.float32)
 
 
 def ball_tilts(shape: tuple[int, int], center: tuple[float, float], radius: float) -> F32:
@@ -54,8 +37,11 @@ def ball_tilts(shape: tuple[int, int], center: tuple[float, float], radius: floa
     return np.asarray(field / np.maximum(np.linalg.norm(field, axis=2, keepdims=True), 1), np.float32)
 
 
-def solid_of_revolution(own: Mask) -> SolidOfRevolution:
-    """`own` (h, w) as a solid of revolution: each row is a cut across it; radii are smoothed against ripples."""
+def turned_tilts(own: Mask) -> F32:
+    """`own` (h, w) as a solid of revolution with an upright axis, seen from far.
+
+    Each row is a cut across it; radii are smoothed against ripples.
+    """
     rows = np.flatnonzero(own.any(axis=1))
     left = own.argmax(axis=1)[rows].astype(np.float32)
     right = own.shape[1] - 1 - own[:, ::-1].argmax(axis=1)[rows].astype(np.float32)
@@ -73,7 +59,10 @@ def solid_of_revolution(own: Mask) -> SolidOfRevolution:
         flare = np.gradient(np.asarray(soft[:, 0], np.float32)).astype(np.float32)
     offset = np.arange(own.shape[1], dtype=np.float32)[None, :] - middle[:, None]
     across = offset / np.maximum(half[:, None], 1)
-    return SolidOfRevolution(across, np.repeat(flare[:, None], own.shape[1], axis=1))
+    slope = np.broadcast_to(flare[:, None], across.shape)
+    return np.asarray(
+        np.stack([np.clip(across, -1, 1), -slope], -1) / np.sqrt(1 + slope[..., None] ** 2), np.float32
+    )
 
 
 def cushion_tilts(own: Mask) -> F32:
@@ -83,44 +72,14 @@ def cushion_tilts(own: Mask) -> F32:
     2014): an ellipse becomes an ellipsoid.
     """
     h, w = own.shape
-    scale = min(1.0, LIMITS.coarse / max(h, w))
-    size = max(3, round(w * scale)), max(3, round(h * scale))
-    share = cv2.resize(own.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-    inside = np.pad((share > 0.5).astype(np.float64), 1)
-    step = np.array([w / size[0], h / size[1]])
-    height = _poisson(inside, *(1 / step**2).tolist())
+    # with the squared distance from the centre added, the solution of Poisson's equation is harmonic
+    y, x = np.mgrid[-1 : h + 1, -1 : w + 1].astype(np.float32)
+    bowl = ((x - w / 2) ** 2 + (y - h / 2) ** 2)[..., None]
+    height = (harmonic_fill(bowl, np.pad(own, 1), 0.1) - bowl)[..., 0]
     gy, gx = np.gradient(height)
-    maps = np.stack([-gx / step[0] / 2, -gy / step[1] / 2, np.sqrt(np.maximum(height, 0))], -1)[1:-1, 1:-1]
-    fine = cv2.resize(maps.astype(np.float32), (w, h), interpolation=cv2.INTER_LINEAR)
-    length = np.maximum(np.linalg.norm(fine, axis=2, keepdims=True), 1e-6)
-    return np.asarray((fine / length)[..., :2], np.float32)
-
-
-def _poisson(inside: NDArray[np.float64], across: float, down: float) -> NDArray[np.float64]:
-    """The solution of -laplace = 4 where `inside` (h, w) is 1, with 0 elsewhere; weights 1 / px² of both directions."""
-
-    def apply(x: NDArray[np.float64]) -> NDArray[np.float64]:
-        y = 2 * (across + down) * x
-        y[:, 1:] -= across * x[:, :-1]
-        y[:, :-1] -= across * x[:, 1:]
-        y[1:] -= down * x[:-1]
-        y[:-1] -= down * x[1:]
-        return np.asarray(y * inside)
-
-    x = np.zeros_like(inside)
-    rest = 4 * inside
-    p, rr = rest.copy(), float((rest * rest).sum())
-    for _ in range(LIMITS.iterations):
-        if rr < 1e-6:
-            break
-        q = apply(p)
-        step = rr / max(float((p * q).sum()), 1e-12)
-        x += step * p
-        rest -= step * q
-        new = float((rest * rest).sum())
-        p = rest + new / rr * p
-        rr = new
-    return x
+    maps = np.stack([-gx / 2, -gy / 2, np.sqrt(np.maximum(height, 0))], -1)[1:-1, 1:-1]
+    length = np.maximum(np.linalg.norm(maps, axis=2, keepdims=True), 1e-6)
+    return np.asarray((maps / length)[..., :2], np.float32)
 
 
 def without_thin_parts(own: Mask, radius: int) -> Mask:

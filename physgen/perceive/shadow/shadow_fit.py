@@ -340,6 +340,35 @@ def wall_coverage(
     return total
 
 
+def refine_wall_shadow(gradients: LightGradients, shadow: WallShadow) -> WallShadow:
+    """Smaller steps from a wall shadow, and the softness of its edges, on a finer picture."""
+
+    def rated(one: WallShadow) -> WallShadow:
+        total = wall_coverage(gradients.silhouettes, one, gradients.scale, gradients.size)
+        soft = one.soft / gradients.scale
+        model = total if soft < 0.3 else np.asarray(cv2.GaussianBlur(total, (0, 0), soft), np.float32)
+        likeness, factor = gradients.agreement(model)
+        return replace(one, likeness=likeness, factor=factor)
+
+    def steps(one: WallShadow, step: float) -> list[WallShadow]:
+        (dx, dy) = one.shift
+        moved = [
+            replace(one, shift=(dx + a * step, dy + b * step)) for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1))
+        ]
+        return [*moved, replace(one, soft=one.soft * 1.5), replace(one, soft=one.soft / 1.5)]
+
+    best = rated(replace(shadow, soft=gradients.slopes[0][0] * gradients.scale))
+    for step in (4.0, 2.0, 1.0):
+        by = 0.01 * step
+        sizes = [replace(best, size=best.size + by), replace(best, size=best.size - by)]
+        tries = steps(best, step)
+        tries = [*tries[:4], *sizes, *tries[4:]]
+        for _ in range(2):
+            best = max([best, *(rated(one) for one in tries)], key=lambda one: one.likeness)
+            tries = steps(best, step)
+    return best
+
+
 def find_wall_shadow(gradients: LightGradients) -> WallShadow | None:
     """The best way to move the objects onto their shadows; None where no way keeps enough of them in sight."""
     width, near, right, down = gradients.slopes[-1]
@@ -374,6 +403,5 @@ def find_wall_shadow(gradients: LightGradients) -> WallShadow | None:
         if likeness[row, column] > (best.likeness if best else 0.0):
             shift = float(columns[column, 0]) * gradients.scale, float(rows[row, 0]) * gradients.scale
             factor = float(both[row, column] / own[row, column])
-            soft = gradients.slopes[0][0] * gradients.scale
-            best = WallShadow(shift, size, float(likeness[row, column]), factor, soft)
+            best = WallShadow(shift, size, float(likeness[row, column]), factor)
     return best

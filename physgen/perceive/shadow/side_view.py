@@ -27,6 +27,7 @@ from physgen.perceive.shadow.shadow_fit import (
     find_wall_shadow,
     light_gradients,
     refine_light,
+    refine_wall_shadow,
     search_light,
     wall_coverage,
 )
@@ -227,6 +228,8 @@ def _wall_shadow(photo: _Photo) -> WallShadow | None:
     wall = None if rough is None else find_wall_shadow(rough)
     if rough is None or wall is None or not wall.convincing(len(rough.silhouettes)):
         return None
+    fine = photo.gradients(FINE)
+    wall = wall if fine is None else refine_wall_shadow(fine, wall)
     return wall if wall.factor > LIMITS.faintest else None
 
 

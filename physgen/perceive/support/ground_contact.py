@@ -306,24 +306,6 @@ def _without_straight_points(chain: list[tuple[float, float]]) -> list[tuple[flo
     return [*kept, chain[-1]]
 
 
-def free_ends(
-    line: Line, group: Sequence[Foot], others: Sequence[PhotoObject], wish: tuple[float, float]
-) -> tuple[float, float]:
-    """The ends that a floor may have without running into objects that do not stand on it."""
-    start, end = wish
-    inner = min(float(f.left[0]) for f in group), max(float(f.right[0]) for f in group)
-    for other in others:
-        x0, y0, x1, y1 = bounds(other.outline)
-        heights = line.at(x0), line.at(x1)
-        if y1 <= min(heights) or y0 >= max(heights):
-            continue
-        if x1 <= inner[0]:
-            start = max(start, x1 + 0.5)
-        elif x0 >= inner[1]:
-            end = min(end, x0 - 0.5)
-    return min(start, inner[0]), max(end, inner[1])
-
-
 # level feet
 
 
