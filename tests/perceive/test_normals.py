@@ -5,8 +5,12 @@ import numpy as np
 import pytest
 
 from physgen import registry
-from physgen.perceive.backends.normals_blended import _shared_bulges
-from physgen.perceive.maps.shape_normals import cushion_tilts, hidden_ball, turned_tilts
+from physgen.perceive.backends.normals_blended import (
+    _shared_bulges,
+    cushion_tilts,
+    hidden_ball,
+    turned_tilts,
+)
 from physgen.photometry import DistantLight
 from physgen.scene.scene import View
 from tests.perceive.lambertian import apart, ball, boxed, can, plain, rendered, setting, towards
