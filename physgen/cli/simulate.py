@@ -29,7 +29,7 @@ def check(options: argparse.Namespace) -> int:
                 scene = pipeline.load(path, options.set, variant, options.allow_outside)
                 maps = pipeline.percepts(scene)
                 compiled = pipeline.compile(scene, maps)
-                own |= dict.fromkeys(pipeline.lint(scene, compiled))
+                own |= dict.fromkeys(pipeline.lint(scene, compiled, maps))
                 if options.resolved:
                     resolved.append(scene_text(scene.document, header=pair_header(compiled.world)))
         except InputError as error:
@@ -64,7 +64,7 @@ def simulate(options: argparse.Namespace) -> int:
     scene = pipeline.load(options.scene, options.set, _one_variant(options), options.allow_outside)
     maps = pipeline.percepts(scene)
     compiled = pipeline.compile(scene, maps)
-    print_problems(pipeline.lint(scene, compiled))
+    print_problems(pipeline.lint(scene, compiled, maps))
     bar = Bar()
     trajectory = pipeline.simulate(compiled.world, options.rate, bar.show)
     bar.clear()

@@ -17,6 +17,7 @@ from physgen.maps import Percepts
 from physgen.problems import Problem, by_place
 from physgen.scene.scene import Motion, Scene, Solid, View, held
 
+U8 = NDArray[np.uint8]
 U16 = NDArray[np.uint16]
 Mask = NDArray[np.bool_]
 
@@ -31,6 +32,22 @@ class WarningLimits:
     """px beyond a mask's border that its soft coverage may reach."""
     overlap: float = 0.25
     """px of overlap at t = 0 that the engine resolves without anyone seeing it."""
+    near: int = 5
+    """px around what is covered in which `background.png` need not be the photo: soft borders fade there."""
+    over: int = 5
+    """px a side of the squares over which differences are averaged: what compression leaves of a photo is gone then."""
+    levels: int = 8
+    """Grey levels of such a mean from which on a pixel is not the photo's."""
+    least: int = 64
+    """Such pixels in one piece from which on a map counts as different: 8 x 8 px."""
+    missed: float = 0.05
+    """Part of a mask that its shape may miss."""
+    seen: float = 0.08
+    """Of a mask's size (root of its area): how far it may reach beyond the hull of its shape.
+
+    The photo also shows a top, an inside or a rim nearer the lens."""
+    thin: int = 5
+    """px: threads and wires narrower than this need no shape."""
     support: float = 4.0
     """px below an object in which its support must lie; outlines and floors of photos are off by as much."""
 
@@ -44,10 +61,11 @@ SAMPLES = 32
 """Places along a boundary within an object at which its depth is taken."""
 
 
-def lint(scene: Scene, compiled: Compiled) -> list[Problem]:
-    """Every warning, sorted by place."""
-    rules = (_overlaps, _unsupported, _without_effect, _views)
-    return by_place([problem for rule in rules for problem in rule(scene, compiled)])
+def lint(scene: Scene, compiled: Compiled, maps: Percepts | None = None) -> list[Problem]:
+    """Every warning, sorted by place; those of the photo's maps where `maps` are given."""
+    rules = (_overlaps, _unsupported, _without_effect, _missed_masks, _views)
+    found = [problem for rule in rules for problem in rule(scene, compiled)]
+    return by_place([*found, *photo_differs(scene, compiled, maps)])
 
 
 def _without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
@@ -121,9 +139,68 @@ def maps_cover_masks(maps: Percepts, labels: U16, scenery: Mask) -> bool:
         return False
     if maps.coverage is None or not scenery.any():
         return True
-    reach = np.ones((2 * LIMITS.reach + 1, 2 * LIMITS.reach + 1), np.uint8)
-    near = cv2.dilate((labels > 0).astype(np.uint8), reach) > 0
+    near = _grown(labels > 0, LIMITS.reach)
     return not (maps.coverage[scenery & ~near] > 0.5).any()
+
+
+def photo_differs(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Iterator[Problem]:
+    """A photo that was edited since its maps were made: where no object is, the clip shows `background.png`.
+
+    Where `clean.png` is more like the photo than like the background, the background was painted on purpose.
+    """
+    if maps is None or maps.coverage is None or maps.background is None or scene.image is None:
+        return
+    if not maps_cover_masks(maps, compiled.labels, compiled.scenery):  # it is made anew, of the photo
+        return
+    bare = ~_grown((maps.coverage > 0) | (maps.labels > 0) | (compiled.labels > 0), LIMITS.near)
+    if np.array_equal(maps.rgb[bare], maps.background[bare]):
+        return
+    off = _mean_difference(maps.rgb, maps.background, bare)
+    differs = (np.abs(off) > LIMITS.levels).any(axis=2) & bare
+    if maps.clean is not None:
+        cleaned = _mean_difference(maps.clean, maps.background, bare)
+        differs &= np.abs(cleaned - off).sum(axis=2) >= np.abs(cleaned).sum(axis=2)
+    _, ids, stats, _ = cv2.connectedComponentsWithStats(differs.astype(np.uint8))
+    large = stats[:, cv2.CC_STAT_AREA] >= LIMITS.least  # compression leaves specks
+    large[0] = False
+    rows, columns = np.nonzero(large[ids])
+    if len(rows):
+        where = f"x {columns.min()} to {columns.max()}, y {rows.min()} to {rows.max()}"
+        expected = f"differs from background.png in {len(rows):,} px beside the objects ({where}), which the clip shows"
+        fix = "if the photo was edited, physgen perceive --refresh makes the maps anew"
+        yield warning(scene, "image", scene.image.name, expected, fix)
+
+
+def _mean_difference(one: U8, other: U8, within: Mask) -> NDArray[np.int16]:
+    """(H, W, 3) grey levels from the other picture to the one, means over squares of what is `within`."""
+    off = cv2.subtract(one, other, dtype=cv2.CV_16S)
+    off[~within] = 0
+    return np.asarray(cv2.blur(off, (LIMITS.over, LIMITS.over)), np.int16)
+
+
+def _grown(mask: Mask, by: int) -> Mask:
+    """(H, W): the mask and all within `by` px of it, along rows, columns and diagonals."""
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((2 * by + 1, 2 * by + 1), np.uint8)) > 0)
+
+
+def _missed_masks(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
+    """Written shapes that miss a part of the object's mask."""
+    for k, (item, outline) in enumerate(zip(scene.objects, compiled.shapes.written, strict=True)):
+        mask = compiled.labels == k + 1
+        area = int(mask.sum())
+        if outline is None or item.mask is None or not area:
+            continue
+        hull = outline_shape(outline).convex_hull.buffer(LIMITS.seen * area**0.5)
+        seen = np.zeros(mask.shape, np.uint8)
+        cv2.fillPoly(seen, [np.rint(shapely.get_coordinates(hull)).astype(np.int32)], 1)
+        beyond = (mask & (seen == 0)).astype(np.uint8)
+        thick = cv2.morphologyEx(beyond, cv2.MORPH_OPEN, np.ones((LIMITS.thin, LIMITS.thin), np.uint8))
+        missed = np.count_nonzero(thick) / area
+        if missed > LIMITS.missed:
+            fix = "write shape: auto, or correct the outline"
+            yield warning(
+                scene, f"objects.{item.name}.shape", "the shape", f"misses {missed:.0%} of its mask", fix
+            )
 
 
 def _overlaps(scene: Scene, compiled: Compiled) -> Iterator[Problem]:

@@ -445,7 +445,7 @@ class Live:
             return self._warm.maps(scene).percepts
 
     def _lints(self, known: CompiledScene) -> list[Problem]:
-        return lint(known.scene, known.compiled)
+        return lint(known.scene, known.compiled, known.percepts)
 
     def _motion(self, known: CompiledScene, begun: float) -> tuple[MotionStream, Data]:
         world = known.compiled.world

@@ -280,7 +280,7 @@ class _Run:
         progress("compile", 0, 1)
         with record.stage("compile"):
             compiled = stages.compile(scene, maps)
-            warnings = lint(scene, compiled)
+            warnings = lint(scene, compiled, maps.percepts)
         for problem in warnings:
             self.warn(problem)
         with record.stage("report"):

@@ -69,11 +69,11 @@ def compile(scene: Scene, maps: Percepts | None) -> Compiled:
     return compile_scene(scene, None if maps is None else maps.labels)
 
 
-def lint(scene: Scene, compiled: Compiled) -> list[Problem]:
-    """What is allowed and probably not meant."""
+def lint(scene: Scene, compiled: Compiled, maps: Percepts | None = None) -> list[Problem]:
+    """What is allowed and probably not meant; with the photo's `maps`, of them too."""
     from physgen.compile.warnings import lint as lint_scene
 
-    return lint_scene(scene, compiled)
+    return lint_scene(scene, compiled, maps)
 
 
 def simulate(world: World, rate: float | None = None, progress: Progress = silent) -> Trajectory:

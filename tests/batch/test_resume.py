@@ -190,10 +190,10 @@ def test_whatever_goes_wrong_in_one_clip_the_others_are_made(
 
     lint = clip.lint
 
-    def broken(scene, compiled):
+    def broken(scene, compiled, maps):
         if scene.name.endswith("light"):
             raise IndexError("no such thing")
-        return lint(scene, compiled)
+        return lint(scene, compiled, maps)
 
     monkeypatch.setattr(clip, "lint", broken)
     ended = render(lesson, "--variant", "all", code=2)

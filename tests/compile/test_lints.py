@@ -21,7 +21,7 @@ def told(tmp_path: Path, body: str, head: str = "size: [200, 150]") -> list[str]
     """The warnings of a scene, from their dotted paths on."""
     loaded = scene(tmp_path, body, head)
     maps = pipeline.percepts(loaded)
-    lints = pipeline.lint(loaded, pipeline.compile(loaded, maps))
+    lints = pipeline.lint(loaded, pipeline.compile(loaded, maps), maps)
     assert all(": warning: " in str(lint) for lint in lints)
     return [f"{lint.path}: {lint.found} {lint.expected}; {lint.fix}" for lint in lints]
 
@@ -140,3 +140,48 @@ boundaries: {{floor: {{segment: [[100, 70], [140, 70]]}}}}"""
     assert told(tmp_path, body, photo(tmp_path)) == []
     said = told(tmp_path, body.replace("70", "50"), photo(tmp_path))
     assert ["falls at once" in line for line in said if "shape" not in line] == [True, True]
+
+
+# ---- masks and shapes --------------------------------------------------------------------------------------------
+
+
+def masked(tmp_path: Path, shape: str, *parts: tuple[int, int, int, int]) -> list[str]:
+    """Warnings of a scene of one object whose mask is made of boxes x0, y0, x1, y1."""
+    mask = np.zeros((150, 200), np.uint8)
+    for x0, y0, x1, y1 in parts:
+        mask[y0:y1, x0:x1] = 1
+    cv2.imwrite(str(tmp_path / "masks.png"), mask)
+    return told(
+        tmp_path,
+        f"""\
+assets: .
+world: {{view: top}}
+objects: {{a: {{mask: 1, shape: {shape}}}}}""",
+        photo(tmp_path),
+    )
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        pytest.param("{box: {center: [70, 75], size: [60, 50]}}", id="a box whose top the lens sees"),
+        pytest.param(
+            "{polygon: [[40, 46], [44, 46], [44, 96], [96, 96], [96, 46], [100, 46], [100, 100], [40, 100]]}",
+            id="the section of a bowl",
+        ),
+    ],
+)
+def test_a_section_of_what_is_seen_is_no_mistake(tmp_path: Path, shape: str) -> None:
+    assert not [line for line in masked(tmp_path, shape, (40, 46, 101, 101)) if "mask" in line]
+
+
+@pytest.mark.parametrize(
+    ("shape", "share"),
+    [
+        pytest.param("{box: {center: [70, 85], size: [60, 30]}}", 30, id="half of it"),
+        pytest.param("{circle: {center: [80, 63], radius: 30}}", 25, id="another place"),
+    ],
+)
+def test_a_shape_that_misses_its_mask_is_told(tmp_path: Path, shape: str, share: float) -> None:
+    (line,) = [line for line in masked(tmp_path, shape, (40, 46, 101, 101)) if "mask" in line]
+    assert abs(int(line.split("misses ")[1].split("%")[0]) - share) < 15

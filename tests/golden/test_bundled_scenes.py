@@ -45,7 +45,7 @@ def test_nothing_is_odd_and_frame_0_is_the_photo(name: str, bundled: Path) -> No
     scene = pipeline.load(bundled / name / "scene.yaml")
     maps = pipeline.percepts(scene)
     compiled = pipeline.compile(scene, maps)
-    assert pipeline.lint(scene, compiled) == []
+    assert pipeline.lint(scene, compiled, maps) == []
     start = simulate(compiled.world, np.zeros(1))
     frame = next(pipeline.render(pipeline.stage(scene, compiled, maps), start))
     assert maps is not None

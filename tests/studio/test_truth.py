@@ -323,7 +323,7 @@ def test_scene_file_is_one_to_enjoy(name: str) -> None:
     scene = pipeline.load(path)
     maps = pipeline.percepts(scene)
     compiled = pipeline.compile(scene, maps)
-    assert [str(p) for p in pipeline.lint(scene, compiled)] == []
+    assert [str(p) for p in pipeline.lint(scene, compiled, maps)] == []
     told = truth(name).told
     assert {o.name for o in scene.objects} == {o["name"] for o in told["objects"]}
     masses = {o["name"]: o["mass_g"] for o in told["objects"]}
