@@ -303,7 +303,7 @@ def export_values(runner: Runner, name: str, scene: str, formats: str) -> Values
     """All formats of ground truth of a scene."""
     folder = runner.made(f"exports/{name}")
     done = runner.run(
-        *("export", scene, "--format", formats, "--frames", "5", "-o", str(folder), "--no-cache")
+        *("export", scene, "--format", formats, "--set", "render.frames=5", "-o", str(folder), "--no-cache")
     )
     return outcome(done) | folder_values(folder, ("*manifest.json",))
 

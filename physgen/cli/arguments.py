@@ -23,6 +23,9 @@ REMOVED = {
     "--dark": "figures have white paper",
     "--fallback": "choose another --backend where one fails",
     "--no-fallback": "leave it out, nothing falls back",
+    "--frames": "write --set render.frames=N",
+    "--fps": "write --set render.fps=N",
+    "--size": "write --set render.size=[W,H]",
     "--keep-models": "leave it out, several photos share models",
     "--no-keep-models": "leave it out",
     "--link": "leave it out, files are copied",
@@ -207,14 +210,6 @@ def of(key: Mapping[str, Any]) -> Callable[[str], float | int | str]:
         return text
 
     return read
-
-
-def two_sides(text: str) -> tuple[int, int]:
-    """`832x480` -> width and height, px."""
-    found = re.fullmatch(r"(\d{1,5})x(\d{1,5})", text.lower())
-    if found is None or not all(2 <= int(side) <= 16384 for side in found.groups()):
-        raise argparse.ArgumentTypeError(f"{text} is not a size from 2x2 to 16384x16384, e.g. 832x480")
-    return int(found[1]), int(found[2])
 
 
 def names(text: str) -> list[str]:
