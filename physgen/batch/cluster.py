@@ -192,20 +192,12 @@ def _connected(where: str) -> Iterator[Client]:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Silences the logs of Dask, whose errors are reported in our own words."""
-    names = [
-        name
-        for name in ("distributed", "tornado", *logging.root.manager.loggerDict)
-        if name.partition(".")[0] in ("distributed", "tornado")
-    ]
-    before = {name: logging.getLogger(name).level for name in names}
+    """Silences logs and warnings of Dask, whose errors are reported in our own words."""
     logging.getLogger("asyncio").setLevel(logging.CRITICAL + 1)  # for good: it still logs after the block
-    for name in names:
-        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    logging.disable(logging.CRITICAL)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             yield
         finally:
-            for name, level in before.items():
-                logging.getLogger(name).setLevel(level)
+            logging.disable(logging.NOTSET)
