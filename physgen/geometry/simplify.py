@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from physgen.geometry.polygon import Array, cross, polygon_moments
@@ -219,28 +220,19 @@ def _off(
 def crossings(rings: list[Array]) -> NDArray[np.intp]:
     """Pairs of rings `(m, 2)` whose edges truly cross (a ring with itself included)."""
     start = np.concatenate(rings)
-    end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
+    along = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings]) - start
     owner = np.repeat(np.arange(len(rings)), [len(ring) for ring in rings])
-    low, high = np.minimum(start, end), np.maximum(start, end)
-    found: set[tuple[int, int]] = set()
-    order = np.argsort(low[:, 0])
-    lows = low[order, 0]
-    for rank, i in enumerate(order):
-        stop = int(np.searchsorted(lows, high[i, 0], side="right"))
-        others = order[rank + 1 : stop]
-        others = others[(low[others, 1] <= high[i, 1]) & (high[others, 1] >= low[i, 1])]
-        if not len(others):
-            continue
-        along = end[i] - start[i]
-        s, e = start[others], end[others]
-        side_s, side_e = cross(along, s - start[i]), cross(along, e - start[i])
-        other = e - s
-        mine_s, mine_e = cross(other, start[i] - s), cross(other, end[i] - s)
-        crossed = (_opposite(side_s, side_e)) & (_opposite(mine_s, mine_e))
-        for j in others[crossed]:
-            pair = (int(owner[i]), int(owner[j]))
-            found.add((min(pair), max(pair)))
-    return np.array(sorted(found), dtype=np.intp).reshape(-1, 2)
+    edges = shapely.linestrings(np.stack([start, start + along], axis=1))
+    i, j = shapely.STRtree(edges).query(edges)
+    i, j = i[i < j], j[i < j]
+    sides = [
+        cross(along[a], start[b] + end * along[b] - start[a])
+        for a, b in ((i, j), (j, i))
+        for end in (0.0, 1.0)
+    ]
+    crossed = _opposite(*sides[:2]) & _opposite(*sides[2:])
+    pairs = np.sort(owner[np.stack([i[crossed], j[crossed]], axis=1)], axis=1)
+    return np.unique(pairs, axis=0).astype(np.intp).reshape(-1, 2)
 
 
 def _opposite(a: Array, b: Array) -> NDArray[np.bool_]:

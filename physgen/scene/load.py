@@ -15,7 +15,7 @@ from physgen.problems import InputError, Place, Problem
 from physgen.scene import scene as parts
 from physgen.scene.document import Node, Source, children, decode, items, plain, read
 from physgen.scene.files import read_scene, with_bases
-from physgen.scene.overlay import apply, edit_of_flag, edits_of_variant, targets, variants_of
+from physgen.scene.overlay import apply, edit_of_flag, edits_of_variant, variants_of
 from physgen.scene.rules import Files, Ground, check_rules
 from physgen.scene.schema import with_defaults
 from physgen.scene.validate import Findings, TooManyError, check_schema
@@ -25,17 +25,14 @@ T = TypeVar("T")
 
 EARTH = 9.8
 """m/s², the gravity of the paper's code; times pixels_per_meter where a scene names none."""
-MAX_CHECKS = 500_000
-"""Limit of variants times entries of a scene, which bounds the cost of checking every variant."""
-MAX_EDITS = 20_000
-"""Values that the variants of a file set, a * counted as often as it applies."""
+MAX_CHECKS = 3_000_000
+"""Limit of variants and their edits times values of a scene, which bounds the cost of checking every variant."""
 
 
 class Opened:
-    """A scene file that was read and checked, for any number of its variants: an edit costs what it changes.
+    """A scene file that was read and checked, for any number of its variants.
 
-    Parts that an edit does not change are not checked again. While it is being edited, `text` is its future content,
-    and `assets` the folder of its maps.
+    While it is being edited, `text` is its future content, and `assets` the folder of its maps.
     """
 
     def __init__(
@@ -70,10 +67,8 @@ class Opened:
     def scene(self, overrides: Sequence[str] = (), variant: str | None = None) -> parts.Scene:
         """With one of its variants and `KEY=VALUE` overrides on top; raises InputError with all problems."""
         edited = _edited(self._root, overrides, variant, self._source)
-        report = Findings() if self._own.problems else self._own.beyond()
-        ground = _check(
-            edited, report, self._files
-        )  # of the file itself too: the photo may be another by now
+        report = Findings()
+        ground = _check(edited, report, self._files)
         problems = dict.fromkeys((*report.problems, *self._of_variants))
         if problems:
             raise InputError(problems)
@@ -153,13 +148,12 @@ def _problems_of_variants(root: Node, own: Findings, files: Files) -> Iterator[P
     named = list(variants_of(root))
     if not named or len(own.problems) > 100:
         return
-    size = 16 + _entries(root)
-    edits = sum(targets(root, key) for _, node in named for key in children(node))
+    edits = sum(1 + len(children(node)) for _, node in named)
     place = children(root)["variants"].key_place
-    if len(named) * size > MAX_CHECKS or edits > MAX_EDITS:
+    if edits * _values(root) > MAX_CHECKS:
         yield Problem(place, "variants", "", "are too many for a scene of this size", "use sweep")
         return
-    report = own.beyond()
+    report = Findings()
     report.problems = dict(own.problems)
     for name, node in named:
         changed = root
@@ -173,12 +167,10 @@ def _problems_of_variants(root: Node, own: Findings, files: Files) -> Iterator[P
     yield from (problem for problem in report.problems if problem not in own.problems)
 
 
-def _entries(root: Node) -> int:
-    """Number of mappings and names that rules between keys read."""
-    sections = [children(root, key) for key in ("objects", "boundaries", "joints", "fields")]
-    names = sum(len(items(children(node).get("objects"))) for part in sections[2:] for node in part.values())
-    lists = (children(root).get("forces"), children(root, "render").get("camera"))
-    return sum(map(len, sections)) + names + sum(len(items(node)) for node in lists)
+def _values(node: Node) -> int:
+    """Number of values in a tree."""
+    below = node.value.values() if isinstance(node.value, dict) else items(node)
+    return 1 + sum(map(_values, below))
 
 
 def scene_name(file: Path) -> str:

@@ -211,25 +211,6 @@ def _set_item(node: Node | None, path: KeyPath, depth: int, edit: Edit, star: bo
     return node.with_value(items)
 
 
-def targets(root: Node, key: str) -> int:
-    """How many values an edit touches: what checking it costs."""
-    path = parse_key(key) or ()
-    count = 1
-    node: Node | None = root
-    for step in path:
-        value = node.value if node is not None else None
-        if step in ("*", "[*]") and isinstance(value, dict | list):
-            count *= max(1, len(value))
-            node = next(iter(value.values() if isinstance(value, dict) else value), None)
-        elif isinstance(value, dict) and isinstance(step, str):
-            node = value.get(step)
-        elif isinstance(value, list) and str(step).isdecimal():
-            node = next(iter(value[int(str(step)[:9]) :]), None)
-        else:
-            node = None
-    return count
-
-
 def variants_of(root: Node) -> Iterator[tuple[str, Node]]:
     """Name and mapping of every variant that is one."""
     entries = root.value.get("variants") if isinstance(root.value, dict) else None

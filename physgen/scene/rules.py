@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from math import ceil, floor, sqrt
 from pathlib import Path
 from typing import Any
@@ -32,12 +33,13 @@ OWNER = {
 ONE_OF_TWO = "write only one of the two"
 SAME_POINT = 1e-9
 """px: to what a float of 10^6 px resolves."""
-FEW_CORNERS = 60
-"""Corners up to which every pair of lines is compared here: shapely takes 0.1 s to import."""
 MAX_PAIRS = 2_000_000
 """Pairs of lines of an outline that are compared at most: a contour of 100,000 corners needs some 400,000."""
 BLOCK = 16
 """Lines that are compared with all others at a time: bounds the memory where every line is near every other."""
+
+REMEMBERED = 1000
+"""Outlines whose crossings are known: variants share theirs."""
 
 Corner = tuple[float, float]
 
@@ -81,7 +83,7 @@ def check_rules(root: Node, findings: Findings, files: Files) -> Ground:
 
 
 class _Rules:
-    """The rules of one tree. `ruled` of the findings are parts whose own rules an earlier check has seen."""
+    """The rules of one tree."""
 
     def __init__(self, root: Node, findings: Findings, files: Files) -> None:
         self.root, self.findings, self.files = root, findings, files
@@ -94,11 +96,11 @@ class _Rules:
         self.canvas()
         self.assets()
         for name, node in self.objects.items():
-            if self.is_new(node):
+            if isinstance(node.value, dict):
                 self.object(name, node)
         self.masks()
         for name, node in children(self.root, "boundaries").items():
-            if self.is_new(node):
+            if isinstance(node.value, dict):
                 self.boundary(node, ("boundaries", name))
         self.forces()
         for section in KINDS:
@@ -109,13 +111,6 @@ class _Rules:
         for name, node in children(self.root, "maps").items():
             self.map_range(name, node)
         return self.ground
-
-    def is_new(self, node: Node) -> bool:
-        """Whether a mapping is one and was not checked; it counts as checked from now on."""
-        if not isinstance(node.value, dict) or node in self.findings.ruled:
-            return False
-        self.findings.ruled.add(node)
-        return True
 
     def good(self, node: Node | None) -> dict[str, Node]:
         """The keys of a mapping whose values satisfy the schema."""
@@ -252,11 +247,9 @@ class _Rules:
         self.rising(items(children(good.get("motion")).get("path")), (*path, "motion", "path"))
 
     def outline(self, node: Node, path: KeyPath, crossing: bool) -> None:
-        if node not in self.findings.ruled:
-            self.findings.ruled.add(node)
-            problem = outline_problem(_points(node), crossing)
-            if problem:
-                self.add(node.place, path, "", *problem)
+        problem = outline_problem(_points(node), crossing)
+        if problem:
+            self.add(node.place, path, "", *problem)
 
     def holes(self, kinds: dict[str, Node], path: KeyPath) -> None:
         for index, piece in enumerate(items(kinds.get("polygons"))):
@@ -332,7 +325,7 @@ class _Rules:
             for index, item in enumerate(objects):
                 if item not in bad:
                     self.is_object(item, (*path, "objects", index))
-            if not self.is_new(node):
+            if not isinstance(node.value, dict):
                 continue
             self.kind(node, path, section)
             names = [item.value for item in objects if item not in bad] if section == "joints" else []
@@ -497,7 +490,7 @@ def outline_problem(points: Sequence[Corner], crossing: bool) -> tuple[str, str]
     area = sum(xs[i - 1] * ys[i] - xs[i] * ys[i - 1] for i in range(len(points))) / 2
     extent = (max(xs) - min(xs)) * (max(ys) - min(ys))
     flat = abs(area) < 1e-12 * extent
-    if extent > 0 and crossing and (pair := _crossing(points)) is not None:
+    if extent > 0 and crossing and (pair := _crossing(tuple(points))) is not None:
         if pair == (-1, -1):
             return "is too tangled to check for crossings", "simplify it"
         found = f"crosses itself: the lines from corners {pair[0]} and {pair[1]}"
@@ -507,12 +500,9 @@ def outline_problem(points: Sequence[Corner], crossing: bool) -> tuple[str, str]
     return None
 
 
-def _crossing(points: Sequence[Corner]) -> tuple[int, int] | None:
+@lru_cache(REMEMBERED)
+def _crossing(points: tuple[Corner, ...]) -> tuple[int, int] | None:
     """First pair of lines that properly cross, by their first corners; (-1, -1) after MAX_PAIRS comparisons."""
-    if len(points) <= FEW_CORNERS:
-        ends = [*points, points[0]]
-        pairs = ((i, j) for i in range(len(points)) for j in range(i + 2, len(points)))
-        return next((pair for pair in pairs if _cross(*(ends[k + n] for k in pair for n in (0, 1)))), None)
     import numpy as np
     import shapely
 
@@ -530,16 +520,6 @@ def _crossing(points: Sequence[Corner]) -> tuple[int, int] | None:
         if hits.any():
             return min(zip(first[hits].tolist(), second[hits].tolist(), strict=True))
     return None
-
-
-def _cross(a: Corner, b: Corner, c: Corner, d: Corner) -> bool:
-    """Whether both ends of each segment lie on different sides of the other."""
-
-    def side(p: Corner, q: Corner, r: Corner) -> float:
-        return (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
-
-    sides = side(a, b, c), side(a, b, d), side(c, d, a), side(c, d, b)
-    return min(sides[:2]) < 0 < max(sides[:2]) and min(sides[2:]) < 0 < max(sides[2:])
 
 
 def _point(node: Node) -> tuple[float, float]:

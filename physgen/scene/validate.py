@@ -35,21 +35,12 @@ class TooManyError(Exception):
 
 
 class Findings:
-    """Collects problems, and remembers which parts of the tree were checked and which are wrong somewhere inside."""
+    """Collects problems, and remembers which parts of the tree are wrong somewhere inside."""
 
     def __init__(self) -> None:
         self.problems: dict[Problem, None] = {}
         self._texts: dict[Place, set[tuple[str, ...]]] = {}
-        self.known: set[Node] = set()
         self.bad: set[Node] = set()
-        self.ruled: set[Node] = set()
-        """Mappings and outlines whose cross-field rules were checked."""
-
-    def beyond(self) -> Findings:
-        """Fresh findings that know what these have checked: for another tree that shares parts with the first."""
-        other = Findings()
-        other.known, other.bad, other.ruled = set(self.known), set(self.bad), set(self.ruled)
-        return other
 
     def add(self, place: Place, path: KeyPath | str, found: str, expected: str, fix: str) -> None:
         """One problem; the same one of the same place is kept once. Raises TooManyError after MAX_PROBLEMS."""
@@ -71,7 +62,7 @@ class Findings:
 
 
 def check_schema(root: Node, findings: Findings) -> None:
-    """Adds every violation of the schema in a tree. Values that an earlier check has seen are not checked again."""
+    """Adds every violation of the schema in a tree."""
     _check(root, (), "", findings, shallow=True)
     if not isinstance(root.value, dict):
         return
@@ -87,8 +78,6 @@ def check_schema(root: Node, findings: Findings) -> None:
 
 def _check(node: Node, path: KeyPath, schema_path: str, findings: Findings, shallow: bool = False) -> None:
     """Adds the violations in one part of the tree; `shallow`: in the keys of a mapping alone."""
-    if not shallow and node in findings.known:
-        return
     data: Any = dict.fromkeys(node.value) if isinstance(node.value, dict) and shallow else plain(node)
     errors: list[ValidationError] = []
     if not _quick_check(schema_path, shallow)(data):
@@ -98,8 +87,6 @@ def _check(node: Node, path: KeyPath, schema_path: str, findings: Findings, shal
         where = tuple(error.path)
         if not any(len(where) > len(other) and where[: len(other)] == other for other in short):
             _Fault(error, node, path, at(schema_path)).report(findings)
-    if not shallow:
-        findings.known.add(node)
 
 
 def _part(schema_path: str, shallow: bool) -> Schema:

@@ -102,14 +102,12 @@ def simulate(
     world: World,
     times: Array | None = None,
     progress: Progress = silent,
-    iterations: int | None = None,
 ) -> Trajectory:
     """Run the world and sample it at `times` (s, rising, the world's own frame times unless given).
 
-    `iterations` fixes the contact solver's sweeps a step, which are otherwise chosen as contacts need them. Raises
-    InputError where a body leaves all numbers.
+    Raises InputError where a body leaves all numbers.
     """
-    running = Running(world, times, iterations)
+    running = Running(world, times)
     running.on(running.end, progress)
     running.rest()
     return running.trajectory()
@@ -122,7 +120,6 @@ class Running:
         self,
         world: World,
         times: Array | None = None,
-        iterations: int | None = None,
     ) -> None:
         self.times = world.times if times is None else np.asarray(times, np.float64)
         self._base = 1.0 / world.steps_per_second
@@ -130,7 +127,7 @@ class Running:
         bodies = world.bodies
         self._world = world
         self._space = Space(world)
-        self._governor = Governor(world, iterations)
+        self._governor = Governor(world)
         loads, self._scripts = ForceFields(world), ScriptedMotion(world)
         self._lasting = StepForces(world, self._space.moving, loads)
         self._ledger = Recorder(world, self._space.moving, loads, self._scripts, self.times)

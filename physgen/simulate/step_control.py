@@ -118,14 +118,13 @@ class StepDivider:
 class Governor:
     """Picks what the engine does a step, from what the last steps left; the same on every run."""
 
-    def __init__(self, world: World, iterations: int | None) -> None:
-        self._fixed = iterations
+    def __init__(self, world: World) -> None:
         self._gravity = float(np.hypot(*world.gravity))
         self._jointed = any(joint.kind is not JointKind.SPRING for joint in world.joints)
         self._most = TUNING.most
         self._loud = 1.0
         self._blows = self._contacts = 0
-        self.sweeps = iterations or TUNING.many  # the first steps find all contacts anew
+        self.sweeps = TUNING.many  # the first steps find all contacts anew
         self.most_sweeps = self.sweeps
         self.loudest = 1.0
         """Highest factor on the speed of rest so far."""
@@ -133,7 +132,7 @@ class Governor:
     @property
     def after_impacts(self) -> int:
         """Sweeps of a step that is taken again: its solver starts from impulses that are wrong by now."""
-        return self._fixed or min(self._most, max(self.sweeps, TUNING.many))
+        return min(self._most, max(self.sweeps, TUNING.many))
 
     @property
     def crowded(self) -> bool:
@@ -162,7 +161,7 @@ class Governor:
             now += now // 2
         elif residual < limit / 10:
             now -= now // 8
-        self.sweeps = self._fixed or min(self._most, max(least, now))
+        self.sweeps = min(self._most, max(least, now))
         self.most_sweeps = max(self.most_sweeps, self.sweeps)
         if self._blows > TUNING.busy * steps:
             self._loud = min(TUNING.loudest, self._loud * 2)

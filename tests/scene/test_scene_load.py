@@ -218,10 +218,10 @@ def test_scenes_compare_by_what_they_say(tmp_path: Path) -> None:
 
 
 def test_only_what_is_needed_is_imported() -> None:
-    """A scene without a photo needs neither numpy nor Pillow nor jsonschema to be checked."""
+    """A scene without a photo needs neither Pillow nor jsonschema to be checked."""
     code = (
         "import sys; from physgen.scene.load import load; load(sys.argv[1]);"
-        "print({'numpy', 'PIL', 'jsonschema', 'shapely', 'cv2'} & set(sys.modules))"
+        "print({'PIL', 'jsonschema', 'cv2'} & set(sys.modules))"
     )
     done = subprocess.run(
         [sys.executable, "-c", code, str(FULL)],
