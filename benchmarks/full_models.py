@@ -14,11 +14,7 @@ import torch
 from diffusers import (
     AnimateDiffVideoToVideoPipeline,
     AutoencoderKL,
-    AutoencoderKLCogVideoX,
     AutoencoderKLWan,
-    CogVideoXDDIMScheduler,
-    CogVideoXPipeline,
-    CogVideoXTransformer3DModel,
     DDIMScheduler,
     MotionAdapter,
     UNet2DConditionModel,
@@ -29,7 +25,7 @@ from diffusers import (
 from transformers import CLIPTextConfig, CLIPTextModel, CLIPTokenizer, T5Config, T5EncoderModel, T5Tokenizer
 
 from physgen.perceive.backends.models import device_of, dtype_of
-from physgen.refine.backends import animatediff, cogvideox, wan
+from physgen.refine.backends import animatediff, wan
 from physgen.refine.backends.sampling import Kind, Sampler
 from physgen.registry import Setup
 
@@ -135,22 +131,7 @@ def wan_small(folder: Path, setup: Setup) -> Sampler:
     return made(wan.KIND, wan.Wan, build, folder, setup)
 
 
-def cogvideox_2b(folder: Path, setup: Setup) -> Sampler:
-    """CogVideoX-2b."""
-
-    def build() -> Any:
-        vae = AutoencoderKLCogVideoX(
-            down_block_types=("CogVideoXDownBlock3D",) * 4, up_block_types=("CogVideoXUpBlock3D",) * 4
-        )
-        scheduler = CogVideoXDDIMScheduler(prediction_type="v_prediction", timestep_spacing="trailing")
-        return CogVideoXPipeline(
-            transformer=CogVideoXTransformer3DModel(), vae=vae, scheduler=scheduler, **_t5_text()
-        )
-
-    return made(cogvideox.KIND, cogvideox.CogVideoX, build, folder, setup)
-
-
 FULL: Mapping[str, Callable[[Path, Setup], Sampler]] = {
-    "animatediff": stable_diffusion, "wan": wan_small, "cogvideox": cogvideox_2b,
+    "animatediff": stable_diffusion, "wan": wan_small,
 }  # fmt: skip
 """A folder for configurations and a setup -> the backend."""

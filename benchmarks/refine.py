@@ -2,7 +2,7 @@
 
     python benchmarks/run.py refine                    # tiny models: identities; the cost of all but the network
     python benchmarks/refine.py --full                 # AnimateDiff full-size, random: 512 x 512, 16 frames, 25 steps
-    python benchmarks/refine.py --full wan cogvideox --frames 49 --size 832x480
+    python benchmarks/refine.py --full wan --frames 49 --size 832x480
     python benchmarks/refine.py --weights animatediff  # real weights, against the studio's truth videos
     python benchmarks/refine.py --weights wan:PATH --scenes billiards cups --set strength=0.3 --out wan.json
 
@@ -38,7 +38,7 @@ from physgen.render.staging import matte_stage
 ROOT = Path(__file__).resolve().parent.parent
 HOW = RefineSettings(0.5, 5, 50, 0, PromptSettings("billiard ball", "", None), lock=0.0, detail=1.0, hold=0)
 """Of the paper: 25 of 50 steps, 20 fused."""
-TINY = {"animatediff": "animatediff", "wan": "wan", "cogvideox": "cogvideox-2b"}
+TINY = {"animatediff": "animatediff", "wan": "wan"}
 F32 = np.ndarray
 
 
@@ -63,7 +63,7 @@ def clip(count: int, size: tuple[int, int]) -> tuple[list[np.ndarray], list[np.n
 class Idle:
     """Latents as Stable Diffusion's of 512 x 512 px, and a network that costs nothing: what is left is ours."""
 
-    grid = Grid(cell=8, side=64, area=512 * 512, stride=1, group=1, window=16)
+    grid = Grid(cell=8, side=64, area=512 * 512, stride=1, window=16)
 
     def begin(self, frames: Any, said: PromptSettings, steps: int, count: int) -> F32:
         height, width = frames[0].shape[:2]

@@ -1,16 +1,14 @@
 """Photo files of 8 or 16 bits, of any colour profile, read as upright sRGB of 8 bits.
 
-ICC profiles with a matrix are converted here in float, so that photos of 16 bits keep their accuracy; LittleCMS (8 bits
-a channel) converts by all others. Colours keep their place relative to white (relative colorimetric); colours beyond
-sRGB are clipped channel by channel.
+LittleCMS converts by colour profiles, 8 bits a channel. Colours keep their place relative to white (relative
+colorimetric); colours beyond sRGB are clipped.
 """
 
 from __future__ import annotations
 
 import io
-import struct
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,11 +27,8 @@ if TYPE_CHECKING:
 
 U8 = NDArray[np.uint8]
 U16 = NDArray[np.uint16]
-F64 = NDArray[np.float64]
-Curve = Callable[[F64], F64]
-"""Stored values 0..1 -> linear light 0..1."""
-Linear = Callable[[NDArray[Any]], NDArray[np.float32]]
-"""(H, W, 1, 3 or 4) stored numbers -> (H, W, 3) linear light of sRGB."""
+ToSrgb = Callable[[U8], U8]
+"""(H, W, 1, 3 or 4) stored numbers -> (H, W, 3) sRGB."""
 
 BAND = 512  # rows that are converted at a time, so that memory stays small
 GREYS = ("1", "L", "LA", "La")
@@ -54,23 +49,6 @@ BITS, PHOTOMETRIC, SUBFILE, DNG = 258, 262, 254, 50706
 """Tags of TIFF."""
 SENSOR = (32803, 34892)
 """Values of PHOTOMETRIC for undeveloped sensor data."""
-FOREIGN = (
-    (0, b"\x76\x2f\x31\x01", "an OpenEXR file"), (0, b"#?", "a Radiance file"), (4, b"ftyphe", "a HEIC file"),
-    (4, b"ftypmif1", "a HEIC file"), (4, b"ftypavi", "an AVIF file"), (4, b"JXL ", "a JPEG XL file"),
-    (0, b"\xff\x0a", "a JPEG XL file"), (0, b"8BPS", "a Photoshop file"), (0, b"FUJIFILM", "a camera's raw file"),
-    (0, b"IIR", "a camera's raw file"), (8, b"CR", "a camera's raw file"), (4, b"ftypcrx", "a camera's raw file"),
-    (0, b"II*\0", "a TIFF of an unusual kind"), (0, b"MM\0*", "a TIFF of an unusual kind"),
-)  # fmt: skip
-"""Formats that are not read: offset and bytes of their mark, and their name."""
-
-SRGB_FROM_D50 = np.array(
-    [
-        [3.1341863642368195, -1.6172089589982754, -0.49069406400638405],
-        [-0.9787485041906944, 1.9161300967735873, 0.03343339915999556],
-        [0.0719639278022468, -0.22899387345320327, 1.4057537328964442],
-    ]
-)
-"""XYZ with white at D50, where ICC profiles meet -> linear light of sRGB (IEC 61966-2-1, adapted by Bradford)."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +79,7 @@ def read_photo(path: Path, upright: bool = True) -> Photo:
         numbers = read_16_bit(image, path)
         turn = _orientation(image)
         has_alpha = image.mode in WITH_ALPHA or "transparency" in image.info
-        mode, linear, readable = _meaning(image, 256 if numbers is None else 65536)
+        mode, to_srgb, readable = _meaning(image)
         plain = numbers is None and image.mode in PLAIN and image.format in SCENE_FORMATS
         if numbers is None:
             numbers = np.asarray(image.convert(mode + "A" * has_alpha))
@@ -112,26 +90,24 @@ def read_photo(path: Path, upright: bool = True) -> Photo:
     opaque = True
     for top in range(0, len(rgb), BAND):
         rows = slice(top, top + BAND)
-        rgb[rows], whole = _to_srgb(numbers[rows], has_alpha, linear)
+        rgb[rows], whole = _over_white(numbers[rows], has_alpha, to_srgb)
         opaque &= whole
-    plain = plain and opaque and linear is None and turn == 1
+    plain = plain and opaque and to_srgb is None and turn == 1
     if upright and turn in TURNS:
         rgb = np.ascontiguousarray(TURNS[turn](rgb))
     return Photo(rgb, plain, readable)
 
 
-def _to_srgb(band: NDArray[Any], has_alpha: bool, linear: Linear | None) -> tuple[U8, bool]:
+def _over_white(band: NDArray[Any], has_alpha: bool, to_srgb: ToSrgb | None) -> tuple[U8, bool]:
     """Stored numbers -> (h, w, 3) sRGB over white, composed in linear light; and whether all are opaque."""
     full = np.iinfo(band.dtype).max
     alpha = band[:, :, -1] if has_alpha else None
-    colour = band[:, :, :-1] if has_alpha else band
-    opaque = alpha is None or bool((alpha == full).all())
-    if linear is None and opaque:
-        return np.broadcast_to(_eight_bits(colour), (*colour.shape[:2], 3)), True
-    light = (linear or _by_curves(full + 1, [lambda v: decode(v).astype(np.float64)]))(colour)
-    if alpha is not None and not opaque:
-        light = 1 + (light - 1) * (alpha.astype(np.float32) / np.float32(full))[:, :, None]
-    return encode_u8(light), opaque
+    colour = _eight_bits(band[:, :, :-1] if has_alpha else band)
+    shown = np.broadcast_to(colour, (*colour.shape[:2], 3)) if to_srgb is None else to_srgb(colour)
+    if alpha is None or (alpha == full).all():
+        return shown, True
+    share = (alpha.astype(np.float32) / np.float32(full))[:, :, None]
+    return encode_u8(1 + (decode(shown) - 1) * share), False
 
 
 def _eight_bits(levels: NDArray[Any]) -> U8:
@@ -176,7 +152,7 @@ def open_picture(path: Path) -> Iterator[Image.Image]:
     except Image.DecompressionBombError:
         raise problem(*smaller) from None
     except UnidentifiedImageError:
-        raise _not_read(path, _foreign(path)) from None
+        raise problem("is not a picture that can be read", "save it as PNG or JPEG") from None
     except Exception as error:  # for damaged headers Pillow's readers raise errors of many kinds
         raise _damaged(path, error) from None
     with image:
@@ -184,7 +160,7 @@ def open_picture(path: Path) -> Iterator[Image.Image]:
         if width * height > MOST_PIXELS:
             raise problem(*smaller, f"{width} x {height} px")
         if (kind := _unusual(image, path)) is not None:
-            raise _not_read(path, kind)
+            raise problem(f"is {kind}, which is not read", "save it as PNG of 8 or 16 bits")
         yield image
 
 
@@ -248,12 +224,10 @@ def _bits(image: Image.Image, path: Path) -> int:
     """Of a channel, by the file's header: Pillow's modes do not have them."""
     if image.format == "TIFF":
         return int(max(getattr(image, "tag_v2", {}).get(BITS, (1,))))
-    return _head(path)[24] if image.format == "PNG" else 8
-
-
-def _head(path: Path) -> bytes:
+    if image.format != "PNG":
+        return 8
     with path.open("rb") as stream:
-        return stream.read(32)
+        return stream.read(32)[24]
 
 
 def _unusual(image: Image.Image, path: Path) -> str | None:
@@ -270,18 +244,6 @@ def _unusual(image: Image.Image, path: Path) -> str | None:
     return "a TIFF of an unusual kind" if 8 < _bits(image, path) != 16 else None
 
 
-def _foreign(path: Path) -> str | None:
-    """The file's format by its first bytes, among those that are not read."""
-    head = _head(path)
-    return next((name for at, mark, name in FOREIGN if head[at : at + len(mark)] == mark), None)
-
-
-def _not_read(path: Path, kind: str | None) -> InputError:
-    if kind is None:
-        return InputError.of(str(path), "", "is not a picture that can be read", "save it as PNG or JPEG")
-    return InputError.of(str(path), "", f"is {kind}, which is not read", "save it as PNG of 8 or 16 bits")
-
-
 def _damaged(path: Path, error: Exception) -> InputError:
     reason = (str(error) or type(error).__name__).splitlines()[0][:120]
     expected = f"is not a picture that can be read ({reason})"
@@ -295,9 +257,9 @@ class ProfileError(Exception):
     """A profile that is damaged, or not for these pixels."""
 
 
-def _meaning(image: Image.Image, codes: int) -> tuple[str, Linear | None, bool]:
-    """How to read a loaded file's numbers, 0 .. `codes` - 1: Pillow's mode without alpha, their linear light, and
-    whether the colour profile could be used; None for sRGB.
+def _meaning(image: Image.Image) -> tuple[str, ToSrgb | None, bool]:
+    """How to read a loaded file's numbers: Pillow's mode without alpha, their colours, and whether the colour profile
+    could be used; None for sRGB.
     """
     grey = image.mode in GREYS or image.mode.startswith("I")
     mode = "L" if grey else "RGB"
@@ -306,113 +268,48 @@ def _meaning(image: Image.Image, codes: int) -> tuple[str, Linear | None, bool]:
         return mode, None, True
     try:
         kind = profile[16:20].decode("latin-1").strip()
-        inks = image.mode == "CMYK"
-        if (
-            len(profile) < 132
-            or profile[36:40] != b"acsp"
-            or kind not in ({"CMYK"} if inks else {"RGB", "GRAY"})
-        ):
-            raise ProfileError
-        if kind == "GRAY" and not grey:
-            raise ProfileError
-        if inks:
+        if image.mode == "CMYK":
+            if kind != "CMYK":
+                raise ProfileError
             return "CMYK", _by_littlecms(profile, "CMYK"), True
-        linear = _by_matrix(profile, codes) or _by_littlecms(profile, "L" if kind == "GRAY" else "RGB")
-        return mode, None if _is_srgb(linear, kind, codes) else linear, True
+        if kind not in ("RGB", "GRAY") or (kind == "GRAY" and not grey):
+            raise ProfileError
+        to_srgb = _by_littlecms(profile, "L" if kind == "GRAY" else "RGB")
+        return mode, None if _is_srgb(to_srgb, kind) else to_srgb, True
     except ProfileError:
         return mode, None, False
 
 
-def _is_srgb(linear: Linear, kind: str, codes: int) -> bool:
-    """Whether no colour of 8 bits moves by more than one level."""
-    step = np.arange(0, 256, 15)
-    colours = (
-        step[:, None, None]
-        if kind == "GRAY"
-        else np.stack(np.meshgrid(step, step, step), -1).reshape(-1, 1, 3)
-    )
-    stored = (colours * ((codes - 1) // 255)).astype(np.uint8 if codes == 256 else np.uint16)
-    return bool(np.abs(encode_u8(linear(stored)).astype(int) - colours).max() <= 1)
+def _is_srgb(to_srgb: ToSrgb, kind: str) -> bool:
+    """Whether no colour moves by more than one level."""
+    step = np.arange(0, 256, 15).astype(np.uint8)
+    colours = np.stack(np.meshgrid(step, step, step), -1).reshape(-1, 1, 3)
+    if kind == "GRAY":
+        colours = step[:, None, None]
+    return bool(np.abs(to_srgb(colours).astype(int) - colours).max() <= 1)
 
 
-def _by_littlecms(profile: bytes, mode: str) -> Linear:
+def _by_littlecms(profile: bytes, mode: str) -> ToSrgb:
     """LittleCMS: 8 bits a channel, relative colorimetric with black point compensation. Raises ProfileError."""
     from PIL import Image, ImageCms
 
     try:
         given = ImageCms.ImageCmsProfile(io.BytesIO(profile))
-        intent, flags = ImageCms.Intent.RELATIVE_COLORIMETRIC, ImageCms.Flags.BLACKPOINTCOMPENSATION
+        intent = ImageCms.Intent.RELATIVE_COLORIMETRIC
+        flags = ImageCms.Flags.BLACKPOINTCOMPENSATION
+        if mode == "L":  # optimised, dark greys would be off by up to 10 levels
+            flags |= ImageCms.Flags.NOOPTIMIZE
         srgb = ImageCms.createProfile("sRGB")
         transform = ImageCms.buildTransform(given, srgb, mode, "RGB", intent, flags)
     except (ImageCms.PyCMSError, OSError, ImportError) as error:  # some builds of Pillow lack LittleCMS
         raise ProfileError from error
 
-    def linear(colour: NDArray[Any]) -> NDArray[np.float32]:
-        levels = _eight_bits(colour)
+    def to_srgb(levels: U8) -> U8:
         if mode == "RGB" and levels.shape[2] == 1:
             levels = np.repeat(levels, 3, axis=2)
-        picture = Image.frombytes(mode, colour.shape[1::-1], levels.tobytes())
+        picture = Image.frombytes(mode, levels.shape[1::-1], levels.tobytes())
         changed = ImageCms.applyTransform(picture, transform)
         assert changed is not None  # it is None only where the picture is changed in place
-        return decode(np.asarray(changed))
+        return np.asarray(changed)
 
-    return linear
-
-
-def _by_matrix(profile: bytes, codes: int) -> Linear | None:
-    """A profile of a curve for grey, or of three and a matrix (ICC.1:2022, 8.3 and 8.4); None for others.
-
-    Raises ProfileError.
-    """
-    try:
-        (count,) = struct.unpack_from(">I", profile, 128)
-        rows = [struct.unpack_from(">4sII", profile, 132 + 12 * k) for k in range(min(count, 200))]
-        tags = {name: profile[at : at + size] for name, at, size in rows}
-        if b"kTRC" in tags and profile[20:24] == b"XYZ ":
-            return _by_curves(codes, [_icc_curve(tags[b"kTRC"])])
-        if b"rXYZ" not in tags or any(name[:3] in (b"A2B", b"D2B") for name in tags):
-            return None
-        columns = [struct.unpack_from(">3i", tags[name], 8) for name in (b"rXYZ", b"gXYZ", b"bXYZ")]
-        curves = [_icc_curve(tags[name]) for name in (b"rTRC", b"gTRC", b"bTRC")]
-    except (KeyError, struct.error) as error:
-        raise ProfileError from error
-    return _by_curves(codes, curves, SRGB_FROM_D50 @ (np.array(columns).T / 65536))
-
-
-def _by_curves(codes: int, curves: Sequence[Curve], matrix: F64 | None = None) -> Linear:
-    """Pixels (H, W, 1 or 3) of 0 .. codes - 1 -> (H, W, 3): curves to linear light, then a matrix (3, 3)."""
-    with np.errstate(all="ignore"):  # a damaged profile has any values
-        bent = [np.nan_to_num(curve(np.arange(codes) / (codes - 1)), posinf=1.0) for curve in curves]
-    tables = [np.clip(light, 0.0, 1.0).astype(np.float32) for light in bent]
-
-    def linear(pixels: NDArray[Any]) -> NDArray[np.float32]:
-        light = np.empty((*pixels.shape[:2], 3), np.float32)
-        for c in range(3):
-            light[:, :, c] = tables[c % len(tables)][pixels[:, :, c % pixels.shape[2]]]
-        return light if matrix is None else np.asarray(cv2.transform(light, matrix), np.float32)
-
-    return linear
-
-
-def _icc_curve(tag: bytes) -> Curve:
-    """`curveType`: a power or a table; `parametricCurveType`: a power with a straight foot (10.6 and 10.18)."""
-    kind, count = struct.unpack_from(">4s4xI", tag)
-    if kind == b"curv":
-        if count < 2:
-            gamma = struct.unpack_from(">H", tag, 12)[0] / 256 if count else 1.0
-            return lambda v: np.asarray(v**gamma)
-        table = np.array(struct.unpack_from(f">{count}H", tag, 12)) / 65535
-        return lambda v: np.interp(v, np.linspace(0, 1, count), table)
-    shape = count >> 16
-    if kind != b"para" or shape > 4:
-        raise ProfileError
-    given = [value / 65536 for value in struct.unpack_from(f">{(1, 3, 4, 5, 7)[shape]}i", tag, 12)]
-    g, a, b, c, d, e, f = given + [1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0][len(given) :]
-    if shape in (1, 2):  # (a v + b)^g + c from -b/a on, c before
-        d, e, f, c = (-b / a if a else 0.0), c, c, 0.0
-
-    def parametric(v: F64) -> F64:
-        bent = np.maximum(a * v + b, 0.0) ** g + e
-        return np.asarray(np.clip(np.where(v >= d, bent, c * v + f), 0.0, 1.0))
-
-    return parametric
+    return to_srgb

@@ -55,6 +55,33 @@ class Setup:
     """The backend's table of `physgen.toml`, e.g. `[vlm]`."""
 
 
+Options = Mapping[str, tuple[Any, Mapping[str, Any]]]
+"""Default and JSON schema of each option, by name; None: left to the weights."""
+
+
+def read_options(setup: Setup, table: str, known: Options) -> dict[str, Any]:
+    """Every option of `[table]`, missing ones with their defaults. Raises InputError with every wrong one.
+
+    >>> read_options(Setup(options={"steps": 4}), "marigold", {"steps": (1, {"type": "integer"}), "seed": (0, {})})
+    {'steps': 4, 'seed': 0}
+    """
+    from jsonschema import Draft202012Validator  # here, since only models have options
+
+    problems = []
+    for key, value in setup.options.items():
+        default, schema = known.get(key, (None, {}))
+        found = "" if key in known else f'"{key}"'
+        faults = [error.message for error in Draft202012Validator(schema).iter_errors(value)]
+        fix = "leave it out" if default is None else f"the default is {default!r}"
+        if key not in known:
+            faults, fix = ["means nothing here"], suggestion(key, known)
+        place = Place("physgen.toml")
+        problems += [Problem(place, f"{table}.{key}", found, fault, fix) for fault in faults]
+    if problems:
+        raise InputError(problems)
+    return {key: setup.options.get(key, default) for key, (default, _) in known.items()}
+
+
 @dataclass(frozen=True)
 class Backend:
     """One row of the table."""
@@ -96,7 +123,6 @@ _VLM: dict[str, Any] = {
     "takes_setup": True,
     "settings": ("PHYSGEN_VLM_URL", "PHYSGEN_VLM_MODEL"),
 }
-_GROUNDING = Weights("IDEA-Research/grounding-dino-tiny", "0.7 GB", "Apache-2.0")
 _MAPS = ("depth", "normals", "scenery")
 
 BACKENDS: tuple[Backend, ...] = (
@@ -106,14 +132,11 @@ BACKENDS: tuple[Backend, ...] = (
             "A vision-language model names what the photo shows and what of it is movable.", **_VLM),
     Backend("segment", "learned", f"{_PERCEIVE}.segment_learned:learned",
             "Proposals from edges and from a small network that also ranks them; trained on rendered homes."),
-    Backend("segment", "grounding-dino+sam", f"{_PERCEIVE}.segment_grounded:with_sam",
+    Backend("segment", "grounding-dino+sam", f"{_PERCEIVE}.segment_grounded:grounded",
             "Grounding DINO boxes for the given nouns, SAM masks; NAME:DINO,SAM names both weights.",
             uses=("categories",),
-            weights=(_GROUNDING, Weights("facebook/sam-vit-huge", "2.6 GB", "Apache-2.0")), **_TRANSFORMERS),
-    Backend("segment", "grounding-dino+sam2", f"{_PERCEIVE}.segment_grounded:with_sam2",
-            "Grounding DINO boxes for the given nouns, SAM 2 masks; NAME:DINO,SAM2 names both weights.",
-            uses=("categories",),
-            weights=(_GROUNDING, Weights("facebook/sam2.1-hiera-tiny", "0.2 GB", "Apache-2.0")), **_TRANSFORMERS),
+            weights=(Weights("IDEA-Research/grounding-dino-tiny", "0.7 GB", "Apache-2.0"),
+                     Weights("facebook/sam-vit-huge", "2.6 GB", "Apache-2.0")), **_TRANSFORMERS),
     Backend("segment", "sam3", f"{_PERCEIVE}.segment_sam3:sam3",
             "SAM 3 masks of every instance of the given nouns.", uses=("categories",),
             weights=(Weights("facebook/sam3", "3.4 GB", "SAM licence", "ask for access on its hub page"),),
@@ -157,10 +180,6 @@ BACKENDS: tuple[Backend, ...] = (
             "A soft border of about two pixels that follows the photo's own edge."),
     Backend("inpaint", "fill", f"{_PERCEIVE}.inpaint_fill:fill",
             "Continues the surroundings' colour smoothly and borrows their grain."),
-    Backend("inpaint", "lama", f"{_PERCEIVE}.inpaint_lama:lama",
-            "LaMa, from its TorchScript file.", extra="models", needs=("torch",),
-            weights=(Weights("", "0.2 GB", "Apache-2.0",
-                             "save big-lama.pt from a trusted source (it is a program), write inpaint=lama:PATH"),)),
     Backend("inpaint", "diffusion", f"{_PERCEIVE}.inpaint_diffusion:diffusion",
             "A diffusion model paints what is behind; the photo is put back around it.",
             weights=(Weights("stable-diffusion-v1-5/stable-diffusion-inpainting", "4.3 GB", "CreativeML OpenRAIL-M"),),
@@ -184,9 +203,6 @@ BACKENDS: tuple[Backend, ...] = (
     Backend("refine", "wan", f"{_REFINE}.wan:wan",
             "Wan 2.1 or 2.2 retouches the video, 81 frames at a time.",
             weights=(Weights("Wan-AI/Wan2.1-T2V-1.3B-Diffusers", "29 GB", "Apache-2.0"),), **_DIFFUSERS),
-    Backend("refine", "cogvideox", f"{_REFINE}.cogvideox:cogvideox",
-            "CogVideoX retouches the video, 49 frames at a time.",
-            weights=(Weights("zai-org/CogVideoX-2b", "14 GB", "Apache-2.0"),), **_DIFFUSERS),
 )  # fmt: skip
 """In each role, the first row is the default."""
 
@@ -358,21 +374,18 @@ PROFILES: Mapping[str, Mapping[str, str]] = {
 }
 """Role to backend; other roles have their defaults."""
 SWITCHES = ("device", "dtype", "profile")
-PROGRAMS = ("lama", "inception")
-"""Backends whose weights are a program."""
-TRUSTED = f"write it on the command line, with --config, or in ~/.config/physgen/{CONFIGURATION}"
 DTYPES = ("auto", "float32", "float16", "bfloat16")
 DEVICE = re.compile(r"auto|cpu|mps|cuda(:\d+)?")
 
 
 @dataclass(frozen=True)
 class Configuration:
-    """The checked content of one configuration file."""
+    """The checked content of a configuration file."""
 
-    switches: Mapping[str, str]
+    switches: Mapping[str, str] = field(default_factory=dict)
     """`profile`, `device`, `dtype`."""
-    choices: Mapping[str, Choice]
-    options: Mapping[str, Mapping[str, Any]]
+    choices: Mapping[str, Choice] = field(default_factory=dict)
+    options: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """Other tables, by backend."""
 
 
@@ -384,43 +397,29 @@ def load_plan(
     device: str | None = None,
     dtype: str | None = None,
 ) -> Plan:
-    """The plan from flags, then the folder's physgen.toml, then the user's; `settings` are `ROLE=NAME[:WEIGHTS]`.
+    """The plan from flags, then from `config` or the user's own file; `settings` are `ROLE=NAME[:WEIGHTS]`.
 
-    `config` replaces both files. Raises InputError with everything wrong.
+    A `profile` stands in place of the file's choices. Raises InputError with everything wrong.
     """
-    if config:
-        files = [read_configuration(config)]
-    else:
-        files = [read_configuration(path, trusted=path == user_file()) for path in configuration_files()]
-    problems: list[Problem] = []
-    switches: dict[str, str] = {}
-    merged: dict[str, Choice] = {}
-    options: dict[str, dict[str, Any]] = {}
-    for file in files:
-        if (name := file.switches.get("profile")) is not None:
-            merged = _profile(name)  # a profile replaces all choices before it
-        merged |= file.choices
-        switches |= file.switches
-        for name, table in file.options.items():
-            options.setdefault(name, {}).update(table)
+    path = config or user_file()
+    file = read_configuration(path) if config or path.is_file() else Configuration()
     given_flags = (("profile", profile), ("device", device), ("dtype", dtype))
     flags = {key: value for key, value in given_flags if value is not None}
-    problems += _switch_problems(flags, {key: Place(f"--{key}") for key in flags})
+    problems = list(_switch_problems(flags, {key: Place(f"--{key}") for key in flags}))
+    given: dict[str, Choice] = {}
     try:
         given = choices(settings)
     except InputError as error:
         problems += error.problems
     if problems:
         raise InputError(problems)
-    switches |= flags
-    if profile is not None:
-        merged = _profile(profile)
+    switches = {**file.switches, **flags}
+    named = PROFILES[switches.get("profile", "offline")]
+    chosen = {role: Choice(backend) for role, backend in named.items()}
+    if profile is None:
+        chosen |= file.choices
     device, dtype = (switches.get(key, "auto") for key in ("device", "dtype"))
-    return Plan(merged | given, device, dtype, options=options)
-
-
-def _profile(name: str) -> dict[str, Choice]:
-    return {role: Choice(backend) for role, backend in PROFILES[name].items()}
+    return Plan(chosen | given, device, dtype, options=file.options)
 
 
 def _switch_problems(switches: Mapping[str, Any], places: Mapping[str, Place]) -> Iterator[Problem]:
@@ -442,19 +441,9 @@ def user_file() -> Path:
     return (Path(home) if home else Path.home() / ".config") / "physgen" / CONFIGURATION
 
 
-def configuration_files() -> list[Path]:
-    """The existing configuration files: the user's, then that of the current folder."""
-    return [path for path in (user_file(), Path.cwd() / CONFIGURATION) if path.is_file()]
-
-
-def read_configuration(path: Path, *, trusted: bool = True) -> Configuration:
-    """One configuration file. Raises InputError with everything wrong in it.
-
-    A file that is not `trusted`, since it came with a folder, may name neither programs nor servers (photos are sent
-    to them).
-    """
+def read_configuration(path: Path) -> Configuration:
+    """One configuration file. Raises InputError with everything wrong in it."""
     import tomllib  # here, since reading a scene imports this module
-    from urllib.parse import urlsplit
 
     place = Place(str(path))
     try:
@@ -474,10 +463,6 @@ def read_configuration(path: Path, *, trusted: bool = True) -> Configuration:
             problems.append(Problem(place, f"backend.{role}", repr(value), "is not text", fix))
             continue
         name, colon, weights = value.partition(":")
-        if name in PROGRAMS and weights and not trusted:
-            expected = "is a program that a folder's file may not run"
-            problems.append(Problem(place, f"backend.{role}", f'"{value}"', expected, TRUSTED))
-            continue
         weights = ",".join(_relative_to(path, part) for part in weights.split(","))
         try:
             chosen[role] = choice(role, f"{name}{colon}{weights}", place)
@@ -488,11 +473,6 @@ def read_configuration(path: Path, *, trusted: bool = True) -> Configuration:
         if name not in known or not isinstance(table, dict):
             fix = suggestion(name, [*SWITCHES, "backend", *known])
             problems.append(Problem(place, name, f'"{name}"', "means nothing here", fix))
-            continue
-        host = urlsplit(str(table.get("url", ""))).hostname
-        if not trusted and host not in (None, "localhost", "127.0.0.1", "::1"):
-            expected = "is a server that a folder's file may not choose: photos are sent to it"
-            problems.append(Problem(place, f"{name}.url", f'"{host}"', expected, TRUSTED))
     if problems:
         raise InputError(problems)
     return Configuration(switches, chosen, data)

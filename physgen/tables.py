@@ -1,7 +1,4 @@
-"""Write rows to CSV and, where pyarrow is installed, to Parquet.
-
-CSV is written row by row; at the end Parquet is made of it.
-"""
+"""Write rows to a CSV file that appears when it is complete."""
 
 from __future__ import annotations
 
@@ -11,13 +8,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from enum import Enum
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TextIO
 
 from physgen.files import partial
-
-HINT = 'the table is CSV alone; pip install "physgen[tables]" adds Parquet'
 
 Cell = str | int | float | bool | None
 """None is an empty cell."""
@@ -41,21 +35,13 @@ class Column:
     unit: str = ""
 
 
-def has_parquet() -> bool:
-    """Whether Parquet can be written here."""
-    return find_spec("pyarrow") is not None
-
-
 class Table:
-    """Takes rows; `publish` gives the files their names, and leaving the block without it removes them."""
+    """Takes rows; `publish` gives the file its name, and leaving the block without it removes the file."""
 
-    def __init__(self, stem: Path, columns: Sequence[Column]) -> None:
-        """`stem` is the path of the files without their suffix."""
-        self.lost: Exception | None = None
-        """Why Parquet could not be written."""
+    def __init__(self, path: Path, columns: Sequence[Column]) -> None:
+        """`path` ends in `.csv`."""
         self.count = 0
-        self.path = stem.with_name(f"{stem.name}.csv")
-        self._columns = tuple(columns)
+        self.path = path
         self._names = [column.name for column in columns]
 
     def __enter__(self) -> Table:
@@ -72,25 +58,11 @@ class Table:
             self._file.flush()
         self.count += 1
 
-    def publish(self) -> list[Path]:
-        """Completes the files and returns their paths."""
-        parquet = self.path.with_suffix(".parquet")
+    def publish(self) -> None:
+        """Completes the file."""
         with self._named_errors():
             self._file.close()
-            parquet.unlink(missing_ok=True)  # an earlier one would differ from the CSV
-        paths = [self.path]
-        if has_parquet():
-            part = partial(parquet)
-            try:
-                _write_parquet(self._part, part, self._columns)
-                part.replace(parquet)
-                paths.append(parquet)
-            except Exception as error:  # the CSV is complete without it
-                self.lost = error
-                part.unlink(missing_ok=True)
-        with self._named_errors():
             self._part.replace(self.path)
-        return paths
 
     def __exit__(self, *error: object) -> None:
         with suppress(OSError):  # a full disk fails once more; nobody needs this file
@@ -104,32 +76,6 @@ class Table:
             yield
         except OSError as error:
             raise OSError(error.errno, error.strerror or str(error), str(self.path)) from error
-
-
-def _write_parquet(table: Path, path: Path, columns: Sequence[Column]) -> None:
-    """The rows of a CSV file, in groups: memory does not grow with them. A text that is missing is empty."""
-    import pyarrow
-    from pyarrow import csv as reader
-    from pyarrow import parquet
-
-    types = {
-        Kind.TEXT: pyarrow.string(),
-        Kind.WHOLE: pyarrow.int64(),
-        Kind.NUMBER: pyarrow.float64(),
-        Kind.TRUTH: pyarrow.bool_(),
-    }
-    schema = pyarrow.schema(
-        pyarrow.field(c.name, types[c.kind], metadata={"unit": c.unit} if c.unit else None) for c in columns
-    )
-    kinds = {field.name: field.type for field in schema}
-    how = reader.ConvertOptions(column_types=kinds, null_values=[""])
-    breaks = reader.ParseOptions(newlines_in_values=True)
-    with (
-        reader.open_csv(table, convert_options=how, parse_options=breaks) as batches,
-        parquet.ParquetWriter(path, schema) as writer,
-    ):
-        for batch in batches:
-            writer.write_batch(batch)
 
 
 def _open_part(path: Path) -> TextIO:

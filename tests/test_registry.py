@@ -17,11 +17,13 @@ from physgen.registry import (
     Backends,
     Choice,
     Plan,
+    Setup,
     Weights,
     choices,
     listing,
     listing_lines,
     load_plan,
+    read_options,
 )
 
 RGB = np.zeros((8, 8, 3), np.uint8)
@@ -81,21 +83,18 @@ def test_choices_report_every_mistake():
     assert len(error.value.problems) == 3
 
 
-def test_flags_override_the_folder_and_the_folder_overrides_the_user(tmp_path: Path):
-    write(
-        tmp_path / "home/physgen/physgen.toml",
-        'device = "cuda:1"\n[backend]\nsegment = "learned"\ninpaint = "lama:/models/big-lama.pt"\n',
-    )
-    write(tmp_path / "physgen.toml", '[backend]\nsegment = "sam3"\nphysics = "vlm"\n[vlm]\nsamples = 3\n')
-    plan = load_plan(["physics=table"], device="cpu")
-    assert chosen(plan) == {"segment": "sam3", "inpaint": "lama:/models/big-lama.pt", "physics": "table"}
-    assert plan.device == "cpu"
-    assert load_plan(["physics=vlm"]).setup("physics").options == {"samples": 3}
+def test_flags_override_the_file_and_another_file_may_be_named(tmp_path: Path):
+    write(tmp_path / "home/physgen/physgen.toml", 'device = "cuda:1"\n[backend]\nsegment = "learned"\n')
+    file = write(tmp_path / "mine.toml", '[backend]\nsegment = "sam3"\nphysics = "vlm"\n[vlm]\nsamples = 3\n')
+    assert (load_plan().device, chosen(load_plan())) == ("cuda:1", {"segment": "learned"})
+    plan = load_plan(["physics=table"], config=file)
+    assert (plan.device, chosen(plan)) == ("auto", {"segment": "sam3", "physics": "table"})
+    assert load_plan(device="cpu").device == "cpu"
+    assert load_plan(config=file).setup("physics").options == {"samples": 3}
 
 
-def test_profiles_replace_the_choices_before_them(tmp_path: Path):
-    write(tmp_path / "home/physgen/physgen.toml", '[backend]\nsegment = "sam3"\n')
-    write(tmp_path / "physgen.toml", 'profile = "models"\n[backend]\nphysics = "table"\n')
+def test_a_profile_of_a_flag_replaces_the_choices_of_the_file(tmp_path: Path):
+    write(tmp_path / "home/physgen/physgen.toml", 'profile = "models"\n[backend]\nphysics = "table"\n')
     plan = load_plan()
     assert (plan.row("segment").name, plan.row("physics").name) == ("grounding-dino+sam", "table")
     assert load_plan(profile="models").row("physics").name == "vlm"
@@ -109,7 +108,7 @@ def test_every_mistake_in_a_file_is_reported(tmp_path: Path):
         'depth = 3\n[vln]\nurl = "x"\n',
     )
     with pytest.raises(InputError) as error:
-        load_plan()
+        load_plan(config=file)
     lines = [str(problem).removeprefix(f"{file}: ") for problem in error.value.problems]
     expected = [
         '"gpu" is no device; write auto, cpu, cuda, cuda:1 or mps',
@@ -145,18 +144,15 @@ def test_wrong_flags_are_refused(settings: list[str], switches: dict, message: s
     assert message in str(error.value)
 
 
-def test_a_folder_names_neither_programs_nor_servers(tmp_path: Path):
-    text = '[backend]\ninpaint = "lama:evil.pt"\nphysics = "vlm"\n[vlm]\nurl = "http://evil.example/v1"\n'
-    file = write(tmp_path / "physgen.toml", text)
+def test_every_wrong_option_is_told_at_once():
+    known = {"steps": (None, {"type": "integer", "minimum": 1}), "prompt": ("", {"type": "string"})}
     with pytest.raises(InputError) as error:
-        load_plan()
-    message = str(error.value)
-    assert "physgen.toml: backend.inpaint:" in message
-    assert "is a program that a folder's file may not run; write it on the command line" in message
-    assert "physgen.toml: vlm.url:" in message
-    assert chosen(load_plan(config=file))["inpaint"] == "lama:evil.pt"  # named by the user
-    write(file, '[vlm]\nurl = "http://127.0.0.1:8000/v1"\n')
-    assert load_plan().options["vlm"] == {"url": "http://127.0.0.1:8000/v1"}
+        read_options(Setup(options={"stepz": 3, "steps": 0, "prompt": 4}), "marigold", known)
+    assert list(map(str, error.value.problems)) == [
+        "physgen.toml: marigold.prompt: 4 is not of type 'string'; the default is ''",
+        "physgen.toml: marigold.steps: 0 is less than the minimum of 1; leave it out",
+        'physgen.toml: marigold.stepz: "stepz" means nothing here; did you mean steps? choose from steps, prompt',
+    ]
 
 
 class Odd:

@@ -34,7 +34,7 @@ class Refiner:
     setting: str = ""
     """`NAME[:WEIGHTS]`."""
     config: Path | None = None
-    """In place of the files physgen.toml."""
+    """In place of the user's own physgen.toml."""
     device: str | None = None
 
     def plan(self) -> Plan:

@@ -48,7 +48,7 @@ MAX_CHECKED_VARIANTS = 50
 
 
 SWEEP_FILE = "sweep.json"
-TABLES = ("sweep.csv", "sweep.parquet")
+TABLE = "sweep.csv"
 NOT_OURS = "is there already and was not made by physgen"
 NOT_OURS_FIX = "move it away, or choose another folder with -o"
 
@@ -355,13 +355,12 @@ def begin(folder: Path, record: Mapping[str, Any], sweep: Sweep) -> list[Problem
         raise InputError.of("-o", f'"{folder}"', "is a file", "name a folder")
     before = read_sweep_record(folder)
     if before is None:
-        for name in (SWEEP_FILE, *TABLES):
+        for name in (SWEEP_FILE, TABLE):
             if (folder / name).exists():
                 raise InputError.of(str(folder / name), "", NOT_OURS, NOT_OURS_FIX)
     kept: list[Path] = []
     if before is not None and any(before.get(key) != value for key, value in _settings(sweep).items()):
-        for name in TABLES:
-            back_up(folder / name, kept.append)
+        back_up(folder / TABLE, kept.append)
     folder.mkdir(parents=True, exist_ok=True)
     write_json(folder / SWEEP_FILE, record)
     found = ((path.name.rpartition("~")[0], path.name) for path in kept)

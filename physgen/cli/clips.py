@@ -154,13 +154,10 @@ def check_names(jobs: list[Job]) -> None:
 
 
 def check_formats(formats: Sequence[str], flag: str) -> None:
-    """Raises InputError for an unknown format; warns where an optional library is missing."""
+    """Raises InputError for an unknown format."""
     from physgen.export.formats import chosen_formats
-    from physgen.tables import HINT, has_parquet
 
     chosen_formats(formats, flag)
-    if "trajectory" in formats and not has_parquet():
-        print_error(HINT)
 
 
 class Tally:
@@ -342,9 +339,9 @@ def add_clips(parser: Parser) -> None:
     parser.option("--fan", "N", draws, about, 0)
     parser.option("--fan-seed", "S", seed, "seed of the draws; default: 0", 0)
     add_device(parser)
-    about = "refine the clip by a video diffusion model: animatediff, wan, cogvideox, or none; see physgen backends"
+    about = "refine the clip by a video diffusion model: animatediff, wan, or none; see physgen backends"
     parser.option("--refine", "NAME[:WEIGHTS]", str, about)
-    parser.option("--config", "FILE", Path, "read this in place of physgen.toml")
+    parser.option("--config", "FILE", Path, "read this in place of ~/.config/physgen/physgen.toml")
     about = "full (the default), or none"
     parser.add_argument("--report", choices=REPORTS, help=about)
     about = "ground truth beside the clip, in truth/: any of the formats of physgen export"

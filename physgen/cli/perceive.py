@@ -121,12 +121,9 @@ def _crew(plan: Plan) -> Backends:
 
 
 def _plan(options: argparse.Namespace) -> Plan:
-    """The backends that flags and configuration files choose."""
-    from physgen.registry import configuration_files, load_plan
+    """The backends that flags and a configuration file choose."""
+    from physgen.registry import load_plan
 
-    if options.config is None:
-        for path in configuration_files():
-            print_error(f"{path}: chooses backends, unless a flag does")
     return load_plan(
         options.backend,
         profile=options.profile,
@@ -173,7 +170,7 @@ def list_backends(options: argparse.Namespace) -> int:
         return OK
     for line in registry.listing_lines(rows):
         print(line)
-    print("\n* is used unless --backend, --profile or physgen.toml chooses another", file=sys.stderr)
+    print("\n* is used unless --backend, --profile or --config chooses another", file=sys.stderr)
     return OK
 
 
@@ -209,7 +206,7 @@ def add_backends(parser: Parser) -> None:
     parser.option("--backend", "ROLE=NAME[:WEIGHTS]", str, about, [], action="append")
     about = "a set of backends: offline, models or best"
     parser.option("--profile", "NAME", str, about)
-    parser.option("--config", "FILE", Path, "read this in place of physgen.toml")
+    parser.option("--config", "FILE", Path, "read this in place of ~/.config/physgen/physgen.toml")
     parser.option("--device", "DEVICE", str, "where models run: auto, cpu, cuda, cuda:1 or mps")
     parser.option("--dtype", "TYPE", str, "their number type: auto, float32, float16 or bfloat16")
 

@@ -85,7 +85,7 @@ def add(parser: Parser) -> None:
     parser.option("-o --output", "OUT", Path, about)
     about = (
         "the model, and the hub id or path of its weights; see physgen backends; default: animatediff, or the one in "
-        "physgen.toml"
+        "~/.config/physgen/physgen.toml"
     )
     parser.option("--backend", "NAME[:WEIGHTS]", str, about)
     for key in KEYS:
@@ -97,7 +97,7 @@ def add(parser: Parser) -> None:
         parser.option(f"--{key}", LETTERS[part["type"]], of(part), text)
     parser.flag("--keep-first", "keep the first frame; the following ones depart from it slowly")
     parser.option("--fps", "RATE", positive, "frames per second of the result; default: as the video's")
-    parser.option("--config", "FILE", Path, "read this in place of physgen.toml")
+    parser.option("--config", "FILE", Path, "read this in place of ~/.config/physgen/physgen.toml")
     parser.option("--device", "DEVICE", str, "where the model runs: auto, cpu, cuda, cuda:1 or mps")
     parser.option("--dtype", "TYPE", str, "its number type: auto, float32, float16 or bfloat16")
     parser.flag("--json", "print the output's path and the record as JSON")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from physgen.cli.arguments import Command, Parser, names, number_of_clips, seed
 from physgen.cli.clips import add_clips, add_overlays, job_maker, make_all, preview_edits
-from physgen.cli.output import OK, print_error, print_line, print_problems
+from physgen.cli.output import OK, print_line, print_problems
 from physgen.problems import InputError, Place, Problem
 from physgen.text import listed, nearest
 
@@ -82,7 +82,7 @@ def _made(plan: Sweep, objects: tuple[str, ...], options: argparse.Namespace) ->
     from physgen import pipeline
     from physgen.batch import sweep as files
     from physgen.batch.outcomes import columns
-    from physgen.tables import HINT, Table, has_parquet
+    from physgen.tables import Table
 
     variant = None if len(plan.variants) > 1 else plan.variants[0]
     named = f"{pipeline.output_name(options.scene, variant)}-sweep"
@@ -101,9 +101,7 @@ def _made(plan: Sweep, objects: tuple[str, ...], options: argparse.Namespace) ->
         units={column.name: column.unit for column in table if column.unit},
     )
     print_problems(files.begin(Path(options.output), record, plan))
-    if not has_parquet():
-        print_error(HINT)
-    with Table(Path(options.output, "sweep"), table) as rows:
+    with Table(Path(options.output, "sweep.csv"), table) as rows:
         running: deque[Point] = deque()  # jobs end in the order in which they begin
 
         def jobs() -> Iterator[Job]:
@@ -115,11 +113,10 @@ def _made(plan: Sweep, objects: tuple[str, ...], options: argparse.Namespace) ->
                 yield make(options.scene, point.variant, point.overrides, point.name, tracked, preview)
 
         def finish() -> Sequence[str]:
-            made = [str(path) for path in rows.publish()] if rows.count == len(plan) else ()
-            if rows.lost is not None:
-                what = f"sweep.parquet could not be written: {rows.lost}; the table is CSV only"
-                print_error(f"{options.output}: {what}")
-            return made
+            if rows.count < len(plan):
+                return ()
+            rows.publish()
+            return [str(rows.path)]
 
         return make_all(
             jobs(),

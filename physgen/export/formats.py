@@ -63,9 +63,7 @@ FORMATS = (
     LabelFormat("mot", Mot, "boxes and tracks, MOT Challenge text"),
     LabelFormat("mots", Mots, "masks and tracks, MOTS text", library="pycocotools", most=999),
     LabelFormat("events", Events, "events: JSON, CSV, a sentence for each and a caption"),
-    LabelFormat(
-        "trajectory", TrajectoryTables, "poses and velocities in px, video px and SI: CSV, Parquet, npz"
-    ),
+    LabelFormat("trajectory", TrajectoryTables, "poses and velocities in px, video px and SI: CSV, npz"),
     LabelFormat("physics", Physics, "masses, coefficients and all other inputs of the motion: JSON"),
 )
 REMOVED = {

@@ -1,4 +1,4 @@
-"""Poses and velocities of objects per frame, in px of photo and video and in SI units, as CSV, Parquet and npz."""
+"""Poses and velocities of objects per frame, in px of photo and video and in SI units, as CSV and npz."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ CAMERA_STEP = 1e-5
 
 
 class TrajectoryTables(Writer):
-    """A row a frame and object; without pyarrow there is no Parquet."""
+    """A row a frame and object."""
 
     def __init__(self, folder: Path, clip: Clip) -> None:
         self._folder, self._clip = folder, clip
@@ -47,7 +47,7 @@ class TrajectoryTables(Writer):
         """Write all."""
         arrays = motion(self._clip)
         names = self._clip.names
-        with Table(self._folder / "trajectory", COLUMNS) as table:
+        with Table(self._folder / "trajectory.csv", COLUMNS) as table:
             for row in rows(arrays, names):
                 table.add(row)
             table.publish()

@@ -25,8 +25,6 @@ class Grid:
     """px of the frames that the model was trained on; larger ones are refined at that size."""
     stride: int
     """Frames that a latent frame stands for; the first always stands for the first frame alone where it is over 1."""
-    group: int
-    """Latent frames come in multiples of it."""
     window: int
     """Latent frames that the model sees at a time, at most."""
 

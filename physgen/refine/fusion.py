@@ -244,7 +244,7 @@ class Refinement:
         self._fit = fit_to_grid(size, model.grid)
         self._latents = latent_frames(count, model.grid)
         window = model.grid.window
-        self._windows = window_spans(self._latents, window, window // 2, model.grid.group)
+        self._windows = window_spans(self._latents, window, window // 2)
 
     def frames(self, guidance: Sequence[U8], coverage: Sequence[F32]) -> Iterator[U8]:
         """(H, W, 3) sRGB each. `guidance`: (H, W, 3) sRGB; `coverage`: (H, W) of objects, 0..1.

@@ -81,13 +81,12 @@ def _padded(width: int, height: int, grid: Grid) -> Size:
 
 
 def latent_frames(frames: int, grid: Grid) -> int:
-    """Latent frames that hold so many frames: enough, and a multiple of the grid's group.
+    """Latent frames that hold so many frames.
 
-    >>> latent_frames(16, Grid(8, 16, 480 * 832, 4, 1, 21))
+    >>> latent_frames(16, Grid(8, 16, 480 * 832, 4, 21))
     5
     """
-    least = frames if grid.stride == 1 else 1 + ceil((frames - 1) / grid.stride)
-    return ceil(least / grid.group) * grid.group
+    return frames if grid.stride == 1 else 1 + ceil((frames - 1) / grid.stride)
 
 
 def frames_held(latents: int, grid: Grid) -> int:
@@ -139,20 +138,17 @@ Span = tuple[int, int]
 """First latent frame, and the one behind the last."""
 
 
-def window_spans(total: int, window: int, overlap: int, group: int = 1) -> list[Span]:
+def window_spans(total: int, window: int, overlap: int) -> list[Span]:
     """Windows of `window` latent frames that cover `total`, `overlap` of them shared by neighbours at least.
-
-    All begin at multiples of `group`; `total` and `window` are such multiples.
 
     >>> window_spans(30, 16, 8)
     [(0, 16), (7, 23), (14, 30)]
     """
     if total <= window:
         return [(0, total)]
-    total, window, overlap = total // group, window // group, min(overlap, window - group) // group
-    count = 1 + ceil((total - window) / (window - overlap))
+    count = 1 + ceil((total - window) / (window - min(overlap, window - 1)))
     starts = np.floor(np.linspace(0, total - window, count)).astype(int).tolist()
-    return [(group * start, group * (start + window)) for start in starts]
+    return [(start, start + window) for start in starts]
 
 
 def weights(span: Span, total: int) -> F32:

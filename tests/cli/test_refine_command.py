@@ -255,9 +255,10 @@ def test_a_configuration_may_say_who_refines(frames: Path, tmp_path: Path, capsy
     (tmp_path / "physgen.toml").write_text(
         '[backend]\nrefine = "exact"\nsegment = "sam3"\n[exact]\nmean = 0.5\n'
     )
-    assert main(["refine", "frames", "-o", "a"]) == 0
+    config = ["--config", "physgen.toml"]
+    assert main(["refine", "frames", "-o", "a", *config]) == 0
     assert "physgen.toml: chooses the backend that refines, unless a flag does\n" in capsys.readouterr().err
-    assert main(["refine", "frames", "-o", "b", "--backend", "animatediff"]) == 0
+    assert main(["refine", "frames", "-o", "b", "--backend", "animatediff", *config]) == 0
     a, b = (json.loads((tmp_path / f"{name}.json").read_text()) for name in "ab")
     assert [record["backend"]["name"] for record in (a, b)] == ["exact", "animatediff"]
     assert a["frames"] != b["frames"]

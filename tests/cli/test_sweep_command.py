@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import pyarrow.parquet
 import pytest
 
 from physgen import tables
@@ -50,17 +49,12 @@ def test_a_table_says_what_manifests_and_trajectories_say(lesson: Path, tmp_path
     out = tmp_path / "out"
     assert sweep(lesson, out, *GRID, "--variant", "all", "--set", "world.duration=0.2") == 0
     lines = capsys.readouterr().out.splitlines()
-    assert [Path(line).name for line in lines[8:]] == ["index.html", "sweep.csv", "sweep.parquet"]
+    assert [Path(line).name for line in lines[8:]] == ["index.html", "sweep.csv"]
     by_csv = pd.read_csv(out / "sweep.csv", keep_default_na=True)
-    by_parquet = pd.read_parquet(out / "sweep.parquet")
-    numbers = list(by_csv.dropna(axis=1, how="all").select_dtypes("number"))
-    assert by_csv[numbers].equals(by_parquet[numbers].astype(by_csv[numbers].dtypes))
-    assert by_csv["name"].tolist() == by_parquet["name"].tolist() == [Path(line).name for line in lines[:8]]
+    assert by_csv["name"].tolist() == [Path(line).name for line in lines[:8]]
     assert list(by_csv["objects.ball.velocity.0"]) == [300, 300, 200, 200] * 2
-    schema = pyarrow.parquet.read_schema(out / "sweep.parquet")
-    assert schema.field("objects.crate.friction").type == "int64"
-    assert schema.field("objects.ball.x").metadata == {b"unit": b"px"}
-    for row in by_parquet.to_dict("records"):
+    by_csv["variant"] = by_csv["variant"].fillna("")
+    for row in by_csv.to_dict("records"):
         manifest = json.loads((out / row["manifest"]).read_text())
         ball = manifest["document"]["objects"]["ball"]
         assert ball["velocity"][0] == row["objects.ball.velocity.0"]
@@ -116,7 +110,7 @@ def test_a_draw_that_makes_no_scene_is_a_row_and_a_card(lesson: Path, tmp_path: 
     assert page.count("Failed") >= 8 - sum(good)
     assert lines[-1]["failed"] == 8 - sum(good)
     assert lines[-1]["sweep.csv"] == str(out / "sweep.csv")
-    empty = pd.read_parquet(out / "sweep.parquet")["objects.ball.x"].isna()
+    empty = pd.read_csv(out / "sweep.csv")["objects.ball.x"].isna()
     assert empty.tolist() == [not fine for fine in good]
 
 
@@ -192,10 +186,8 @@ def test_the_folder_is_named_after_scene_and_variant(
     assert capsys.readouterr().out.splitlines()[0] == "out/lesson-heavy-sweep/00,mass=5"
 
 
-def test_without_pyarrow_there_is_csv_and_one_line(lesson: Path, tmp_path: Path, monkeypatch, capsys) -> None:
-    monkeypatch.setattr(tables, "find_spec", lambda name: None)
+def test_tracked_objects_have_columns_and_others_none(lesson: Path, tmp_path: Path) -> None:
     assert sweep(lesson, tmp_path / "out", "objects.ball.mass=5,6", "--track", "crate") == 0
-    assert capsys.readouterr().err == 'the table is CSV alone; pip install "physgen[tables]" adds Parquet\n'
     names = sorted(p.name for p in (tmp_path / "out").iterdir() if p.is_file())
     assert names == ["index.html", "sweep.csv", "sweep.json"]
     header = (tmp_path / "out" / "sweep.csv").read_text().splitlines()[0].split(",")
@@ -207,20 +199,6 @@ def test_whole_numbers_too_large_for_floats_have_their_tables(lesson: Path, tmp_
     out = tmp_path / "out"
     sweep(lesson, out, "objects.ball.mass=1:100000000000000000001:3")
     assert list(pd.read_csv(out / "sweep.csv")["objects.ball.mass"]) == [1, 5e19, 1e20]
-    assert list(pd.read_parquet(out / "sweep.parquet")["objects.ball.mass"]) == [1, 5e19, 1e20]
-
-
-def test_what_parquet_cannot_hold_leaves_the_csv(tmp_path: Path) -> None:
-    from physgen.tables import Column, Kind
-
-    (tmp_path / "sweep.parquet").write_text("of the run before")
-    with tables.Table(tmp_path / "sweep", [Column("n", Kind.WHOLE)]) as made:
-        for n in range(4096 + 2):
-            made.add({"n": n if n else 1e20})
-        assert made.publish() == [tmp_path / "sweep.csv"]
-    assert made.lost is not None
-    assert [p.name for p in tmp_path.iterdir()] == ["sweep.csv"]
-    assert pd.read_csv(tmp_path / "sweep.csv")["n"].tolist() == [1e20, *range(1, 4096 + 2)]
 
 
 @pytest.mark.parametrize(
@@ -230,7 +208,6 @@ def test_what_parquet_cannot_hold_leaves_the_csv(tmp_path: Path) -> None:
         ({"sweep.json": "my notes"}, "sweep.json"),
         ({"sweep.json": "my notes", "00,mass=5/manifest.json": '{"manifest": 3}'}, "sweep.json"),
         ({"sweep.json": "", "sweep.csv": "mine\n"}, "sweep.json"),
-        ({"sweep.parquet": "PAR1 mine"}, "sweep.parquet"),
         ({"sweep.csv": ""}, "sweep.csv"),
     ],
 )
@@ -254,15 +231,14 @@ def test_a_table_of_other_draws_is_kept_and_told(lesson: Path, tmp_path: Path, c
     out = tmp_path / "out"
     flags = ["objects.ball.mass=~uniform(5, 50)", "--latin", "--preview"]
     assert sweep(lesson, out, *flags, "--samples", "2") == 0
-    old = {kind: (out / f"sweep.{kind}").read_bytes() for kind in ("csv", "parquet")}
+    old = (out / "sweep.csv").read_bytes()
     assert sweep(lesson, out, *flags, "--samples", "2") == 0
     assert capsys.readouterr().err == "2 clips: 0 made, 2 unchanged\n"
     assert sweep(lesson, out, *flags, "--samples", "3") == 0
     told = capsys.readouterr().err
-    for kind, data in old.items():
-        assert f"{out}: warning: sweep.{kind} is of another sweep; kept as sweep.{kind}~\n" in told
-        assert (out / f"sweep.{kind}~").read_bytes() == data
-        assert (out / f"sweep.{kind}").read_bytes() != data
+    assert f"{out}: warning: sweep.csv is of another sweep; kept as sweep.csv~\n" in told
+    assert (out / "sweep.csv~").read_bytes() == old
+    assert (out / "sweep.csv").read_bytes() != old
     assert len(pd.read_csv(out / "sweep.csv")) == 3
 
 
@@ -306,21 +282,19 @@ def test_rows_by_the_ten_thousand_are_read_back(tmp_path: Path) -> None:
     from physgen.tables import Column, Kind
 
     columns = [Column("n", Kind.WHOLE), Column("x"), Column("word", Kind.TEXT), Column("on", Kind.TRUTH)]
-    with tables.Table(tmp_path / "sweep", columns) as made:
+    with tables.Table(tmp_path / "sweep.csv", columns) as made:
         for n in range(10_000):
             made.add({"n": n, "x": n / 3, "word": f'a,"{n}"', "on": n % 2 == 0} if n % 7 else {"n": n})
         made.publish()
-    file = pyarrow.parquet.ParquetFile(tmp_path / "sweep.parquet")
-    found = file.read().to_pylist()
     with (tmp_path / "sweep.csv").open(newline="") as text:
         read = list(csv.DictReader(text))
-    assert len(read) == len(found) == 10_000
-    for n, (a, b) in enumerate(zip(found, read, strict=True)):
+    assert len(read) == 10_000
+    for n, b in enumerate(read):
         want = (n, n / 3, f'a,"{n}"', n % 2 == 0) if n % 7 else (n, None, None, None)
-        assert (a["n"], a["x"], a["word"], a["on"]) == (n, want[1], want[2] or "", want[3])
+        assert b["n"] == str(n)
         assert b["x"] == ("" if want[1] is None else repr(want[1]))
         assert (b["word"], b["on"]) == (("", "") if want[1] is None else (want[2], str(want[3]).lower()))
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["sweep.csv", "sweep.parquet"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["sweep.csv"]
 
 
 def test_a_full_disk_leaves_no_table_and_says_which(tmp_path: Path) -> None:
@@ -329,7 +303,7 @@ def test_a_full_disk_leaves_no_table_and_says_which(tmp_path: Path) -> None:
     (tmp_path / "sweep.csv").write_text("of the run before\n")
 
     def fill() -> None:
-        with tables.Table(tmp_path / "sweep", [Column("word", Kind.TEXT)]) as made:
+        with tables.Table(tmp_path / "sweep.csv", [Column("word", Kind.TEXT)]) as made:
             for _ in range(1000):
                 made.add({"word": "x" * 100})
 

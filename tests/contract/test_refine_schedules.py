@@ -5,23 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from diffusers import CogVideoXDDIMScheduler, DDIMScheduler
+from diffusers import DDIMScheduler
 from pytest import approx
 
 from physgen.refine.backends.sampling import ddim
 
 SCHEDULERS = {
-    "animatediff": lambda: DDIMScheduler(
-        beta_schedule="linear",
-        clip_sample=False,
-        timestep_spacing="leading",
-        steps_offset=1,
-        set_alpha_to_one=True,
-    ),
-    "cogvideox": lambda: CogVideoXDDIMScheduler(
-        prediction_type="v_prediction", timestep_spacing="trailing", rescale_betas_zero_snr=True
-    ),
-}
+    kind: lambda kind=kind: DDIMScheduler(
+        beta_schedule="linear", clip_sample=False, timestep_spacing="leading", steps_offset=1, set_alpha_to_one=True,
+        prediction_type=kind,
+    )
+    for kind in ("epsilon", "v_prediction")
+}  # fmt: skip
 
 
 def told(scheduler: object, z0: np.ndarray, noise: np.ndarray, time: int) -> np.ndarray:

@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from physgen import registry
-from physgen.perceive.backends.segment_grounded import GroundingDino, Sam, Sam2, pixels
+from physgen.perceive.backends.segment_grounded import GroundingDino, Sam, pixels
 from physgen.perceive.roles import Category, PromptedMask, Segments
 from physgen.perceive.segment.prompts import Segmenter, from_prompts
 from physgen.problems import InputError
@@ -20,7 +20,7 @@ from physgen.registry import Backends
 
 pytestmark = pytest.mark.slow
 
-GROUNDED = "grounding-dino+sam", "grounding-dino+sam2"
+GROUNDED = "grounding-dino+sam"
 KINDS = [Category("wall", False), Category("Red Ball", True), Category("domino", True), Category("cup", True)]
 SIZES = [(384, 512), (512, 384), (101, 67)]
 """(H, W)."""
@@ -96,9 +96,8 @@ def light(detector, said):
 
 
 @pytest.mark.parametrize("size", SIZES, ids=str)
-@pytest.mark.parametrize("name", GROUNDED)
-def test_masks_land_where_the_boxes_are(name, size, tiny):
-    run = registry.make("segment", name, tiny.setup("segment", name))
+def test_masks_land_where_the_boxes_are(size, tiny):
+    run = registry.make("segment", GROUNDED, tiny.setup("segment", GROUNDED))
     ball, wall, domino = (0.1, 0.5, 0.4, 0.8), (0.0, 0.1, 1.0, 0.45), (0.6, 0.5, 0.7, 0.95)
     light(
         run._detector(),
@@ -134,7 +133,7 @@ def test_masks_land_where_the_boxes_are(name, size, tiny):
 
 
 def test_long_lists_are_asked_for_in_several_texts(tiny):
-    dino = GroundingDino(tiny.setup("segment", "grounding-dino+sam").weights.split(",")[0], "cpu")
+    dino = GroundingDino(tiny.setup("segment", GROUNDED).weights.split(",")[0], "cpu")
     nouns = [f"toy {a}{b}" for a in "bcdfg" for b in "klmnp"] + ["Ball.", "ball", "?!", "b " * 100]
     texts = dino.texts(nouns)
     assert len(texts) > 1
@@ -150,10 +149,8 @@ def test_long_lists_are_asked_for_in_several_texts(tiny):
     assert ids.count(dino.dot) == 2
 
 
-@pytest.mark.parametrize("name", GROUNDED)
-def test_many_prompts_are_those_of_one_at_a_time(name, tiny):
-    weights = tiny.setup("segment", name).weights.split(",")[1]
-    cutter = (Sam2 if name.endswith("2") else Sam)(weights, "cpu", torch.float32)
+def test_many_prompts_are_those_of_one_at_a_time(tiny):
+    cutter = Sam(tiny.setup("segment", GROUNDED).weights.split(",")[1], "cpu", torch.float32)
     cutter.encode(photo(90, 120))
     boxes = [(k, 5.0, k + 30.0, 60.0) for k in range(0, 80, 4)]
     together = list(cutter.boxes(boxes))
@@ -174,7 +171,7 @@ def test_sam_sees_what_its_own_processor_makes_of_a_photo(tiny):
     rgb = photo(90, 120)
     theirs = SamImageProcessorPil(size={"longest_edge": 64}, pad_size={"height": 64, "width": 64})
     ready = theirs(images=rgb, return_tensors="pt")
-    cutter = Sam(tiny.setup("segment", "grounding-dino+sam").weights.split(",")[1], "cpu", torch.float32)
+    cutter = Sam(tiny.setup("segment", GROUNDED).weights.split(",")[1], "cpu", torch.float32)
     cutter.encode(rgb)
     assert cutter._inner == tuple(ready["reshaped_input_sizes"][0].tolist()) == (48, 64)
     assert torch.allclose(pixels(rgb, (48, 64)), ready["pixel_values"][..., :48, :], atol=0.02)

@@ -56,7 +56,7 @@ def test_the_second_weights_alone_can_be_named(tiny, tmp_path):
     run = registry.make("segment", "grounding-dino+sam", Setup(f"{dino},{tmp_path}", "cpu"))
     with pytest.raises(InputError, match="does not load as SAM"):
         run.meant(photo(30, 40), [(1, 1, 9, 9)], [])
-    with pytest.raises(InputError, match=r"sam3\.threshold: 'high' is not a number"):
+    with pytest.raises(InputError, match=r"sam3\.threshold: 'high' is not of type 'number'"):
         registry.make("segment", "sam3", Setup("", "cpu", options={"threshold": "high"}))
 
 
@@ -68,8 +68,6 @@ def test_a_device_that_is_not_here_is_refused():
         with pytest.raises(InputError, match='"cuda:1" is not here'):
             models.device_of(Setup(device="cuda:1"))
         assert models.dtype_of(Setup(), "cpu") == torch.float32
-    with pytest.raises(InputError, match='"int8" is no type of numbers'):
-        models.dtype_of(Setup(dtype="int8"), "cpu")
 
 
 def test_a_hub_that_does_not_answer_is_not_waited_for():

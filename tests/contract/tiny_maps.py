@@ -132,27 +132,11 @@ def stable_diffusion(folder: Path) -> Path:
     return folder
 
 
-def lama(folder: Path) -> Path:
-    """Stands for big-lama.pt: what is masked gets the mean of the rest, and everything else is kept."""
-    import torch
-
-    class Even(torch.nn.Module):
-        def forward(self, image: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
-            kept = image * (1 - mask)
-            mean = kept.sum([2, 3], keepdim=True) / (1 - mask).sum([2, 3], keepdim=True).clamp(min=1.0)
-            return kept + mask * mean
-
-    folder.mkdir(parents=True, exist_ok=True)
-    torch.jit.script(Even()).save(str(folder / "lama.pt"))
-    return folder / "lama.pt"
-
-
 MODELS: Mapping[tuple[str, str], Callable[[Path], Path]] = {
     ("depth", "depth-anything"): depth_anything,
     ("depth", "marigold"): marigold("depth"),
     ("normals", "marigold"): marigold("normals", use_full_z_range=True),
     ("intrinsic", "marigold"): marigold("intrinsic", target_properties=LIGHTING),
-    ("inpaint", "lama"): lama,
     ("inpaint", "diffusion"): stable_diffusion,
 }
 """What builds the model of a row in an empty folder and gives the path to name."""

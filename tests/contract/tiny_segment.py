@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 WORDS = ("a", "ball", "block", "book", "cup", "domino", "red", "table", "wall", "floor", "toy", "car", "mug")
@@ -84,32 +83,6 @@ def sam(folder: Path) -> Path:
     return folder
 
 
-def sam2(folder: Path) -> Path:
-    import torch
-    from transformers import Sam2Config, Sam2Model
-
-    torch.manual_seed(0)
-    config = Sam2Config(
-        vision_config={
-            "backbone_config": {
-                "model_type": "sam2_hiera_det_model", "hidden_size": 16, "image_size": [64, 64],
-                "blocks_per_stage": [1, 1, 2, 1], "embed_dim_per_stage": [16, 32, 64, 128],
-                "num_attention_heads_per_stage": [1, 2, 4, 8], "window_size_per_stage": [8, 4, 4, 4],
-                "global_attention_blocks": [3], "window_positional_embedding_background_size": [4, 4],
-            },
-            "backbone_channel_list": [128, 64, 32, 16], "fpn_hidden_size": 32,
-            "backbone_feature_sizes": [[16, 16], [8, 8], [4, 4]],
-        },
-        prompt_encoder_config={"hidden_size": 32, "image_size": 64, "patch_size": 16, "mask_input_channels": 8},
-        mask_decoder_config={
-            "hidden_size": 32, "mlp_dim": 32, "num_attention_heads": 2, "num_hidden_layers": 1,
-            "iou_head_hidden_dim": 32,
-        },
-    )  # fmt: skip
-    Sam2Model(config).save_pretrained(folder)
-    return folder
-
-
 def sam3(folder: Path) -> Path:
     import torch
     from transformers import CLIPTokenizerFast, Sam3Config, Sam3Model
@@ -143,13 +116,9 @@ def sam3(folder: Path) -> Path:
     return folder
 
 
-def both(cutter: Callable[[Path], Path]) -> Callable[[Path], str]:
-    """Weights of a detector and of what cuts out, as a choice names them."""
-    return lambda folder: f"{grounding_dino(folder / 'dino')},{cutter(folder / 'sam')}"
-
-
 MODELS = {
-    ("segment", "grounding-dino+sam"): both(sam),
-    ("segment", "grounding-dino+sam2"): both(sam2),
+    ("segment", "grounding-dino+sam"): lambda folder: (
+        f"{grounding_dino(folder / 'dino')},{sam(folder / 'sam')}"
+    ),
     ("segment", "sam3"): sam3,
 }

@@ -30,27 +30,17 @@ def animatediff(folder: Path, length: int = 32) -> str:
     return f"{folder / 'adapter'},{folder / 'base'}"
 
 
-def animatediff_whole(folder: Path) -> str:
-    """The same as one pipeline."""
-    from diffusers import AnimateDiffPipeline, MotionAdapter
-
-    adapter, base = animatediff(folder / "two").split(",")
-    pipe = AnimateDiffPipeline.from_pretrained(base, motion_adapter=MotionAdapter.from_pretrained(adapter))
-    pipe.save_pretrained(folder)
-    return str(folder)
-
-
-def _t5(kind: str) -> dict[str, Any]:
+def _t5() -> dict[str, Any]:
     """A text encoder and its tokenizer."""
     import torch
-    from transformers import T5Config, T5EncoderModel, T5Tokenizer, UMT5Config, UMT5EncoderModel
+    from transformers import T5Tokenizer, UMT5Config, UMT5EncoderModel
 
     torch.manual_seed(0)
     pieces = ["<pad>", "</s>", "<unk>", "▁", *LETTERS, *(f"▁{letter}" for letter in LETTERS), ","]
     size: dict[str, Any] = {
         "vocab_size": len(pieces), "d_model": 16, "d_kv": 8, "d_ff": 16, "num_layers": 1, "num_heads": 2,
     }  # fmt: skip
-    encoder = UMT5EncoderModel(UMT5Config(**size)) if kind == "umt5" else T5EncoderModel(T5Config(**size))
+    encoder = UMT5EncoderModel(UMT5Config(**size))
     tokens = T5Tokenizer(vocab=[(piece, -1.0) for piece in pieces], extra_ids=0)
     return {"text_encoder": encoder.eval(), "tokenizer": tokens}
 
@@ -66,7 +56,7 @@ def wan(folder: Path, looks: bool = False, experts: bool = False, ti2v: bool = F
         WanTransformer3DModel,
     )
 
-    parts: dict[str, Any] = _t5("umt5")
+    parts: dict[str, Any] = _t5()
     clip = looks and not experts
 
     def network() -> WanTransformer3DModel:
@@ -112,56 +102,16 @@ def _clip() -> dict[str, Any]:
     }  # fmt: skip
 
 
-def cogvideox(folder: Path, kind: str = "2b", looks: bool = False, **more: Any) -> str:
-    """`2b`, `5b` with rotary embeddings, `1.5` with latent frames in pairs."""
-    import torch
-    from diffusers import (
-        AutoencoderKLCogVideoX,
-        CogVideoXDPMScheduler,
-        CogVideoXImageToVideoPipeline,
-        CogVideoXPipeline,
-        CogVideoXTransformer3DModel,
-    )
-
-    parts: dict[str, Any] = _t5("t5")
-    torch.manual_seed(2)
-    parts["transformer"] = CogVideoXTransformer3DModel(
-        num_attention_heads=2, attention_head_dim=16, in_channels=8 if looks else 4, out_channels=4, time_embed_dim=8,
-        text_embed_dim=16, num_layers=1, sample_width=8, sample_height=8, sample_frames=9, patch_size=2,
-        max_text_seq_length=16, use_rotary_positional_embeddings=kind != "2b",
-        patch_size_t=2 if kind == "1.5" else None, patch_bias=kind != "1.5",
-        ofs_embed_dim=8 if kind == "1.5" and looks else None, **more,
-    ).eval()  # fmt: skip
-    parts["vae"] = AutoencoderKLCogVideoX(
-        down_block_types=("CogVideoXDownBlock3D",) * 4, up_block_types=("CogVideoXUpBlock3D",) * 4,
-        block_out_channels=(4, 4, 4, 4), latent_channels=4, layers_per_block=1, norm_num_groups=2,
-        sample_height=96, sample_width=160, scaling_factor=0.7, invert_scale_latents=looks,
-    ).eval()  # fmt: skip
-    parts["scheduler"] = CogVideoXDPMScheduler(
-        prediction_type="v_prediction", snr_shift_scale=3.0, timestep_spacing="trailing", rescale_betas_zero_snr=True,
-        beta_start=0.00085, beta_end=0.012, beta_schedule="scaled_linear", set_alpha_to_one=True,
-    )  # fmt: skip
-    (CogVideoXImageToVideoPipeline if looks else CogVideoXPipeline)(**parts).save_pretrained(folder)
-    return str(folder)
-
-
 MODELS: Mapping[tuple[str, str], Callable[[Path], str]] = {
     ("refine", "animatediff"): animatediff,
     ("refine", "wan"): wan,
-    ("refine", "cogvideox"): cogvideox,
 }
 """What builds the model of a row in an empty folder and gives what a choice names."""
 VARIANTS: Mapping[str, tuple[str, Callable[[Path], str]]] = {
     "animatediff": ("animatediff", animatediff),
-    "animatediff-whole": ("animatediff", animatediff_whole),
     "wan": ("wan", wan),
     "wan-looks": ("wan", lambda folder: wan(folder, looks=True)),
     "wan-experts": ("wan", lambda folder: wan(folder, experts=True)),
     "wan-looks-experts": ("wan", lambda folder: wan(folder, looks=True, experts=True)),
-    "cogvideox-2b": ("cogvideox", cogvideox),
-    "cogvideox-5b": ("cogvideox", lambda folder: cogvideox(folder, "5b")),
-    "cogvideox-1.5": ("cogvideox", lambda folder: cogvideox(folder, "1.5")),
-    "cogvideox-looks": ("cogvideox", lambda folder: cogvideox(folder, "5b", looks=True)),
-    "cogvideox-1.5-looks": ("cogvideox", lambda folder: cogvideox(folder, "1.5", looks=True)),
 }
 """Kinds of weights that a backend takes: its name, and what builds them."""

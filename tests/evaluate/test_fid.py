@@ -192,7 +192,7 @@ def faults(root: Path) -> dict[str, tuple[list[str], list[str]]]:
         "lonely": ([str(root / "lonely")], ["lonely: 1 frame in 1 clip make fewer"]),
         "no motion": ([str(root / "single")], ["make fewer than two pictures of motion"]),
         "short": ([true, "--frames", "9"], ["5 frames are fewer than --frames 9; give --frames 5"]),
-        "no script": ([true, "--inception", str(root / "weights.pth")], ["to be a TorchScript file"]),
+        "no script": ([true, "--inception", str(root / "weights.pth")], ["does not load as Inception"]),
         "both sides": ([str(root / "nowhere"), "--reference", str(root / "nowhere")], ["no such file or folder"]),
         "twice": (["--method", f"a={true}", "--method", f"a={one}"], ['--method: "a" stands for two methods']),
         "name": ([one, "--method", f"reference={one}"], ["is the other side's name"]),

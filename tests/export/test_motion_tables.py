@@ -8,12 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pyarrow.parquet
 import pytest
 from storied import BALL, clip
 
-from physgen import tables
-from physgen.cli.main import main
 from physgen.export.physics import Physics
 from physgen.export.trajectory import TrajectoryTables
 
@@ -33,10 +30,9 @@ def written(tmp_path: Path, *edits: str, objects: str = TWO) -> tuple[pd.DataFra
 
 
 @pytest.mark.parametrize("play", ["forward", "backward", "there-and-back"])
-def test_three_files_hold_what_the_engine_gave(tmp_path: Path, play: str) -> None:
+def test_both_files_hold_what_the_engine_gave(tmp_path: Path, play: str) -> None:
     table, arrays, told = written(tmp_path, SCALE, f"render.play={play}")
     seen, order = told.trajectory, list(told.shot.order)
-    assert table.equals(pd.read_parquet(tmp_path / "made" / "trajectory.parquet")[table.columns])
     T, N = len(order), len(seen.names)
     assert len(table) == T * N
     assert (table["object"] == list(seen.names) * T).all()
@@ -50,9 +46,6 @@ def test_three_files_hold_what_the_engine_gave(tmp_path: Path, play: str) -> Non
     assert np.array_equal(table["clip_time"].to_numpy().reshape(T, N)[:, 0], np.arange(T) / 60)
     assert np.allclose(table[["x_m", "y_m"]] * 250, table[["x", "y"]], rtol=1e-15)
     assert np.allclose(table[["vx_m", "vy_m"]] * 250, table[["vx", "vy"]], rtol=1e-15)
-    schema = pyarrow.parquet.read_schema(tmp_path / "made" / "trajectory.parquet")
-    assert schema.field("video_vx").metadata == {b"unit": b"video px/s"}
-    assert schema.field("frame").type == "int64"
 
 
 def test_places_on_the_video_follow_the_camera_and_so_do_speeds(tmp_path: Path) -> None:
@@ -68,16 +61,6 @@ def test_places_on_the_video_follow_the_camera_and_so_do_speeds(tmp_path: Path) 
     speeds = table[["video_vx", "video_vy"]].to_numpy().reshape(-1, 2, 2)
     seen = (places[2:] - places[:-2]) * 480 / 2  # what anybody would measure in the film
     assert np.abs(speeds[1:-1] - seen)[4:-4].max() < 0.02 * np.abs(seen).max()
-
-
-def test_without_pyarrow_there_is_csv_and_a_line_says_so(tmp_path: Path, monkeypatch, capsys) -> None:
-    monkeypatch.setattr(tables, "find_spec", lambda name: None)
-    scene = tmp_path / "two.yaml"
-    scene.write_text("physgen: 1\nsize: [64, 48]\nworld: {duration: 0.1}\nobjects:\n" + TWO)
-    assert main(["export", str(scene), "--format", "trajectory,physics", "-o", str(tmp_path / "labels")]) == 0
-    assert capsys.readouterr().err.splitlines().count(tables.HINT) == 1
-    files = {path.name for path in (tmp_path / "labels" / "two" / "trajectory").iterdir()}
-    assert files == {"trajectory.csv", "trajectory.npz"}
 
 
 def test_physics_says_what_holds_and_who_said_it(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from physgen.refine.denoiser import Grid, PromptSettings
 from physgen.registry import Setup
 
 Array = NDArray[np.float64]
-SMALL = Grid(cell=4, side=8, area=10**9, stride=1, group=1, window=64)
+SMALL = Grid(cell=4, side=8, area=10**9, stride=1, window=64)
 
 
 def ddim(steps: int) -> tuple[Array, Array]:
@@ -73,7 +73,6 @@ class Gaussian:
                     *(z[k : k + self.grid.stride].mean(axis=0) for k in range(1, len(z), self.grid.stride)),
                 ]
             )
-        assert len(z) % self.grid.group == 0
         return z
 
     def encoded(self, frame: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -93,7 +92,7 @@ class Gaussian:
     def predict(self, latents: NDArray[np.float32], k: int, first: int) -> NDArray[np.float32]:
         """The noise, as DDIM's models say."""
         self.seen.append((first, len(latents)))
-        assert len(latents) <= max(self.grid.window, self.grid.group)
+        assert len(latents) <= self.grid.window
         return np.asarray((latents - self.a[k] * self.expected(latents, k)) / self.b[k], np.float32)
 
     def stepped(

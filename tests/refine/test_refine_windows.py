@@ -12,19 +12,14 @@ from hypothesis import strategies as st
 from physgen.refine.latents import blend_predictions, window_spans
 
 
-@given(
-    window=st.integers(1, 40), extra=st.integers(0, 400), overlap=st.integers(0, 40), group=st.integers(1, 4)
-)
-def test_all_is_covered_in_whole_groups_with_what_is_shared(
-    window: int, extra: int, overlap: int, group: int
-) -> None:
-    total, window = group * (window + extra), group * window
-    found = window_spans(total, window, overlap, group)
+@given(window=st.integers(1, 40), extra=st.integers(0, 400), overlap=st.integers(0, 40))
+def test_all_is_covered_with_what_is_shared(window: int, extra: int, overlap: int) -> None:
+    total = window + extra
+    found = window_spans(total, window, overlap)
     assert found[0][0] == 0
     assert found[-1][1] == total
-    assert all(first % group == 0 for first, _ in found)
     assert all(last - first == window for first, last in found) or len(found) == 1
-    shared = min(overlap, window - group) // group * group
+    shared = min(overlap, window - 1)
     assert all(b - c >= shared and c > a for (a, b), (c, _) in pairwise(found))
     fewer = 1 if total <= window else -(-(total - shared) // (window - shared))
     assert len(found) == fewer  # no more than must be
@@ -41,15 +36,15 @@ def test_shares_sum_to_one_and_a_model_that_looks_at_cells_says_the_same(total, 
 
 
 @pytest.mark.parametrize(
-    ("total", "window", "group"),
-    [(30, 16, 1), (45, 16, 1), (17, 16, 1), (48, 16, 2), (21, 13, 1), (40, 14, 2)],
+    ("total", "window"),
+    [(30, 16), (45, 16), (17, 16), (48, 16), (21, 13), (40, 14)],
 )
-def test_no_joint_shows_where_windows_disagree(total: int, window: int, group: int) -> None:
+def test_no_joint_shows_where_windows_disagree(total: int, window: int) -> None:
     """Windows that each see another brightness, drawn anew, and root mean squares over many draws of how much frames
     differ from those before. Where a window begins or ends that is about as much as inside of what windows share (a
     quarter more where three share), and everywhere less than 15 % of what a cut from one window to the next would be.
     """
-    windows = window_spans(total, window, window // 2, group)
+    windows = window_spans(total, window, window // 2)
     rng = np.random.default_rng(1)
     z = np.zeros((total, 1, 1, 2000), np.float32)
     out = blend_predictions(lambda part, first: part + rng.standard_normal(2000, np.float32), z, windows)

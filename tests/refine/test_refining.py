@@ -14,12 +14,11 @@ from physgen.refine.denoiser import Denoiser, Grid, PromptSettings
 from physgen.refine.fusion import Refinement, RefineSettings, prompt_of
 
 HOW = RefineSettings(0.5, 5, 50, 0, PromptSettings("balls", "", None), lock=0.0, detail=1.0, hold=0)
-PLAIN = Grid(4, 8, 10**9, 1, 1, 64)
+PLAIN = Grid(4, 8, 10**9, 1, 64)
 GRIDS = {
     "plain": PLAIN,
     "windows": replace(PLAIN, window=6),
-    "stride": Grid(4, 16, 10**9, 4, 1, 64),
-    "pairs": Grid(4, 16, 10**9, 4, 2, 4),
+    "stride": Grid(4, 16, 10**9, 4, 64),
     "small": replace(PLAIN, area=700),
 }
 

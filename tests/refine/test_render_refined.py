@@ -120,7 +120,7 @@ def test_what_fails_leaves_the_clip_unrefined(capsys: pytest.CaptureFixture[str]
 
 def test_too_little_memory_keeps_the_unrefined_clip(capsys: pytest.CaptureFixture[str]) -> None:
     Path("physgen.toml").write_text("[exact]\nmost = 1000\n", encoding="utf-8")
-    told = rendered("--refine", "exact", code=2)
+    told = rendered("--refine", "exact", "--config", "physgen.toml", code=2)
     said = capsys.readouterr().err
     assert "do not fit into the memory of the device" in said
     assert Path("out/pair/unrefined.mp4").is_file()

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from physgen.cli.arguments import Parser
 from physgen.cli.measures.output import add_output, hand_over
-from physgen.cli.output import Bar, print_error
+from physgen.cli.output import Bar
 from physgen.problems import InputError
 
 ABOUT = "Masses, and orders of friction and elasticity, against what others measured."
@@ -20,7 +20,7 @@ def add(parser: Parser) -> None:
     )
     parser.add_argument("table", metavar="TABLE", nargs="?", type=Path, help=about)
     parser.option("--backend", "ROLE=NAME", str, "what answers: physics=NAME", [], action="append")
-    parser.option("--config", "FILE", Path, "instead of every physgen.toml")
+    parser.option("--config", "FILE", Path, "read this in place of ~/.config/physgen/physgen.toml")
     parser.flag("--hide-size", "tell the name of each object alone, not its size")
     add_output(parser)
 
@@ -28,16 +28,13 @@ def add(parser: Parser) -> None:
 def run(options: argparse.Namespace) -> int:
     from physgen.evaluate.measure import check_folder
     from physgen.evaluate.properties import SHIPPED, Asked, ask, findings, plots, read_table
-    from physgen.registry import Backends, choices, configuration_files, load_plan
+    from physgen.registry import Backends, choices, load_plan
 
     check_folder(options.output, plots=True)
     if others := set(choices(options.backend)) - {"physics"}:
         role = f'"{", ".join(sorted(others))}"'
         raise InputError.of("--backend", role, "has no part in this", "write physics=NAME")
     table = read_table(options.table or SHIPPED)
-    if options.config is None:
-        for path in configuration_files():
-            print_error(f"{path}: chooses backends where no flag does")
     backends = Backends(load_plan(options.backend, config=options.config).of(("physics",)))
     bar = Bar()
     answers = ask(table, backends, not options.hide_size, bar.show)

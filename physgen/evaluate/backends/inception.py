@@ -14,7 +14,6 @@ import torch
 from physgen.evaluate.fid import F64, U8
 from physgen.perceive.backends.models import (
     Flag,
-    check_torchscript,
     device_of,
     load_weights,
     run_note,
@@ -34,7 +33,7 @@ class Inception:
 
     It takes (N, 3, H, W) uint8, 0 to 255, of any size, resizes to 299 x 299 px as TensorFlow 1 did, and gives
     (N, 2048) where it is called with `return_features=True`. A TorchScript file is a program: loading one runs it.
-    Raises InputError for a file that is none; it is loaded when first needed.
+    Raises InputError where there is no file; it is loaded when first needed.
     """
 
     name, comparable = "inception", True
@@ -43,7 +42,6 @@ class Inception:
         self._path = path.expanduser()
         if not self._path.is_file():
             raise InputError.of(FLAG, f'"{path}"', "no such file", GET)
-        check_torchscript(self._path, FLAG, GET)
         self._device = device_of(Setup(device=device))
 
     @cached_property

@@ -11,14 +11,10 @@ import torch
 from numpy.typing import NDArray
 from transformers import DepthAnythingForDepthEstimation, DPTImageProcessorPil
 
-from physgen.perceive.backends.models import (
-    ModelBackend,
-    read_options,
-    whole_number,
-)
+from physgen.perceive.backends.models import ModelBackend, weight_ids
 from physgen.perceive.roles import Rgb
 from physgen.problems import InputError
-from physgen.registry import Setup, find
+from physgen.registry import Options, Setup, read_options
 
 
 @dataclass(frozen=True)
@@ -34,14 +30,15 @@ class DepthConstants:
 
 
 DEPTH = DepthConstants()
+OPTIONS: Options = {"resolution": (518, {"type": "integer", "minimum": DEPTH.patch})}
 
 
 class Depth(ModelBackend):
     """The backend `depth-anything`; `resolution` is the shorter side of the network's input, px."""
 
     def __init__(self, setup: Setup) -> None:
-        options = read_options(setup, "depth-anything", {"resolution": whole_number(518, DEPTH.patch)})
-        weights = setup.weights or find("depth", "depth-anything").weights[0].id
+        options = read_options(setup, "depth-anything", OPTIONS)
+        (weights,) = weight_ids("depth", "depth-anything", setup)
         super().__init__(setup, weights, "Depth Anything", options | {"unit": ""})
 
     def _number_type(self, setup: Setup) -> torch.dtype:

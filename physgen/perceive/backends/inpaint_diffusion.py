@@ -14,27 +14,19 @@ from diffusers import AutoPipelineForInpainting
 from numpy.typing import NDArray
 from PIL import Image
 
-from physgen.perceive.backends.models import (
-    ModelBackend,
-    Option,
-    load_pipeline,
-    read_options,
-    real_number,
-    text_option,
-    whole_number,
-)
+from physgen.perceive.backends.models import ModelBackend, load_pipeline, weight_ids
 from physgen.perceive.inpaint.painting import inpaint_windows, model_size, resize_picture, resize_window
 from physgen.perceive.roles import Rgb
 from physgen.problems import InputError
-from physgen.registry import Setup, find
+from physgen.registry import Options, Setup, read_options
 
 Mask = NDArray[np.bool_]
-OPTIONS: dict[str, Option] = {
-    "prompt": text_option(""),
-    "seed": whole_number(0),
-    "steps": whole_number(None, 1),
-    "guidance": real_number(None),
-    "resolution": whole_number(None, 64),
+OPTIONS: Options = {
+    "prompt": ("", {"type": "string"}),
+    "seed": (0, {"type": "integer", "minimum": 0}),
+    "steps": (None, {"type": "integer", "minimum": 1}),
+    "guidance": (None, {"type": "number", "minimum": 0}),
+    "resolution": (None, {"type": "integer", "minimum": 64}),
 }
 """`[diffusion]` of physgen.toml; `resolution`: side in px of the model's pictures, by default that of the weights."""
 
@@ -44,7 +36,7 @@ class Diffusion(ModelBackend):
 
     def __init__(self, setup: Setup) -> None:
         options = read_options(setup, "diffusion", OPTIONS)
-        weights = setup.weights or find("inpaint", "diffusion").weights[0].id
+        (weights,) = weight_ids("inpaint", "diffusion", setup)
         super().__init__(setup, weights, "a diffusion model that inpaints", options)
 
     def _load(self, weights: str) -> Any:

@@ -17,23 +17,18 @@ import torch
 from numpy.typing import NDArray
 
 from physgen.perceive.backends.from_file import facing, parted
-from physgen.perceive.backends.models import (
-    ModelBackend,
-    load_pipeline,
-    read_options,
-    whole_number,
-)
+from physgen.perceive.backends.models import ModelBackend, load_pipeline, weight_ids
 from physgen.perceive.roles import BoundaryGuess, Intrinsics, Labels, PhotoObject, Rgb
 from physgen.photometry import decode, luminance
 from physgen.problems import InputError
-from physgen.registry import Setup, find
+from physgen.registry import Options, Setup, read_options
 
 F32 = NDArray[np.float32]
-OPTIONS = {
-    "steps": whole_number(None, 1),
-    "ensemble": whole_number(1, 1),
-    "seed": whole_number(0),
-    "resolution": whole_number(None),
+OPTIONS: Options = {
+    "steps": (None, {"type": "integer", "minimum": 1}),
+    "ensemble": (1, {"type": "integer", "minimum": 1}),
+    "seed": (0, {"type": "integer", "minimum": 0}),
+    "resolution": (None, {"type": "integer", "minimum": 0}),
 }
 """`[marigold]` of physgen.toml, for all three roles; `resolution`: the longer side, px, 0 = the photo's own."""
 SLIMMEST = 8
@@ -54,7 +49,7 @@ class _Marigold(ModelBackend):
 
     def __init__(self, setup: Setup) -> None:
         options = read_options(setup, "marigold", OPTIONS)
-        weights = setup.weights or find(self.role, "marigold").weights[0].id
+        (weights,) = weight_ids(self.role, "marigold", setup)
         super().__init__(setup, weights, f"Marigold's {self.role}", options)
         if self.role == "depth" and options["ensemble"] > 1 and importlib.util.find_spec("scipy") is None:
             found = f"marigold.ensemble: {options['ensemble']}"

@@ -1,4 +1,4 @@
-"""Loading of model backends: options, device, number type, weights and pipelines.
+"""Loading of model backends: device, number type, weights and pipelines.
 
 Every model backend loads through `load_weights`, so that missing weights are reported in one way, and at once.
 """
@@ -7,22 +7,17 @@ from __future__ import annotations
 
 import gc
 import importlib.util
-import math
-import os
 import re
-import socket
-import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, TypeVar
-from urllib.parse import urlsplit
 
 import torch
 
-from physgen.problems import InputError, Place, Problem
-from physgen.registry import Setup, in_hub_cache, suggestion
+from physgen.problems import InputError
+from physgen.registry import Setup, describe_error, find, in_hub_cache
 
 T = TypeVar("T")
 
@@ -45,78 +40,15 @@ class Flag:
 BACKEND = Flag("--backend", "ROLE=NAME:PATH")
 
 
-@dataclass(frozen=True)
-class Option:
-    """An option of a model's table in physgen.toml."""
-
-    default: Any
-    """None: the value in the configuration of the weights."""
-    kind: type
-    least: float = 0
-    words: tuple[str, ...] = ()
-    """The only values of a text."""
-
-    def fault(self, value: Any) -> str:
-        """What is wrong with a value; empty where it is valid."""
-        if self.words:
-            return "" if as_word(value) in self.words else f"is not one of {', '.join(self.words)}"
-        if self.kind is str:
-            return "" if isinstance(value, str) else "is not text"
-        number = isinstance(value, int | self.kind) and not isinstance(value, bool)
-        if number and self.least <= value < math.inf:
-            return ""
-        return f"is not a {'whole number' if self.kind is int else 'number'} from {self.least:g} on"
-
-
-def whole_number(default: int | None, least: int = 0) -> Option:
-    """A whole number from `least` on."""
-    return Option(default, int, least)
-
-
-def real_number(default: float | None) -> Option:
-    """A finite number >= 0."""
-    return Option(default, float)
-
-
-def text_option(default: str) -> Option:
-    """Any text."""
-    return Option(default, str)
-
-
-def one_of(default: str, *others: str) -> Option:
-    """One of some words; true and false stand for `on` and `off`, see `as_word`."""
-    return Option(default, str, words=(default, *others))
-
-
-def as_word(value: Any) -> Any:
-    """True and false as words.
-
-    >>> as_word(True), as_word("auto")
-    ('on', 'auto')
-    """
-    return ("off", "on")[value] if isinstance(value, bool) else value
-
-
-def read_options(setup: Setup, table: str, known: Mapping[str, Option]) -> dict[str, Any]:
-    """Every option of `[table]`, missing ones with their defaults. Raises InputError with every wrong one.
-
-    >>> read_options(Setup(options={"steps": 4}), "marigold", {"steps": whole_number(None, 1), "seed": whole_number(0)})
-    {'steps': 4, 'seed': 0}
-    """
-    problems = []
-    for key, value in setup.options.items():
-        if key not in known:
-            found, expected, fix = f'"{key}"', "means nothing here", suggestion(key, known)
-        elif fault := known[key].fault(value):
-            default = known[key].default
-            found, expected = repr(value), fault
-            fix = "leave it out" if default is None else f"the default is {default!r}"
-        else:
-            continue
-        problems.append(Problem(Place("physgen.toml"), f"{table}.{key}", found, expected, fix))
-    if problems:
-        raise InputError(problems)
-    return {key: setup.options.get(key, option.default) for key, option in known.items()}
+def weight_ids(role: str, name: str, setup: Setup, flag: Flag = BACKEND) -> tuple[str, ...]:
+    """One id or path for each of the row's weights: `A,B` names both, `A` and `,B` one. Raises InputError for more."""
+    defaults = [weights.id for weights in find(role, name).weights]
+    named = [part.strip() for part in setup.weights.split(",")] if len(defaults) > 1 else [setup.weights]
+    if len(named) > len(defaults):
+        fix = f"write at most {len(defaults)}, with a comma between"
+        raise InputError.of(flag.name, f'"{setup.weights}"', f"names {len(named)} weights for {name}", fix)
+    named += [""] * (len(defaults) - len(named))
+    return tuple(one or default for one, default in zip(named, defaults, strict=True))
 
 
 def device_of(setup: Setup) -> str:
@@ -146,9 +78,6 @@ def dtype_of(setup: Setup, device: str) -> torch.dtype:
         if not device.startswith("cuda"):
             return torch.float32
         return torch.bfloat16 if torch.cuda.is_bf16_supported() else torch.float16
-    if setup.dtype not in DTYPES:
-        fix = f"choose from auto, {', '.join(DTYPES)}"
-        raise InputError.of("--dtype", f'"{setup.dtype}"', "is no type of numbers", fix)
     return DTYPES[setup.dtype]
 
 
@@ -181,8 +110,7 @@ def load_weights(load: Callable[[str], T], weights: str, what: str, flag: Flag =
     except InputError:
         raise
     except Exception as error:  # libraries raise errors of every type for files that are no model
-        lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-        cause = f"{type(error).__name__}: {lines[0][:160]}" if lines else type(error).__name__
+        cause = describe_error(error)
         if is_out_of_memory(error):
             fix = 'choose a smaller model, or write dtype = "bfloat16" or device = "cpu" in physgen.toml'
             raise problem(f"does not fit into the memory: {cause}", fix) from error
@@ -225,7 +153,7 @@ class ModelBackend:
         self._weights, self._what, self._options = weights, what, options
         self._device = device_of(setup)
         self._dtype = self._number_type(setup)
-        load_weights(self._check, weights, what)
+        load_weights(lambda _: None, weights, what)  # is it here, or to be had
 
     @cached_property
     def _model(self) -> Any:
@@ -233,9 +161,6 @@ class ModelBackend:
 
     def _load(self, weights: str) -> Any:
         raise NotImplementedError
-
-    def _check(self, weights: str) -> None:
-        """Raises InputError for weights that cannot be of this model, without loading them."""
 
     def _number_type(self, setup: Setup) -> torch.dtype:
         return dtype_of(setup, self._device)
@@ -254,23 +179,14 @@ class ModelBackend:
 def _hub_is_offline() -> bool:
     """Whether the hub cannot be reached; its library is then set to offline, so that it does not retry."""
     from huggingface_hub import constants
+    from huggingface_hub.utils import get_session
 
-    if not constants.HF_HUB_OFFLINE and not _hub_is_reachable(constants.ENDPOINT):
-        constants.HF_HUB_OFFLINE = True
+    if not constants.HF_HUB_OFFLINE:
+        try:
+            get_session().head(constants.ENDPOINT, timeout=HUB_TIMEOUT)
+        except Exception:  # of its own and of its HTTP library
+            constants.HF_HUB_OFFLINE = True
     return bool(constants.HF_HUB_OFFLINE)
-
-
-def _hub_is_reachable(endpoint: str) -> bool:
-    """Whether a connection to the hub opens; assumed behind a proxy."""
-    if any(os.environ.get(name) for name in ("HTTPS_PROXY", "https_proxy", "ALL_PROXY", "all_proxy")):
-        return True
-    hub = urlsplit(os.environ.get("HF_ENDPOINT") or endpoint)
-    port = hub.port or (80 if hub.scheme == "http" else 443)
-    try:
-        with socket.create_connection((hub.hostname or "", port), HUB_TIMEOUT):
-            return True
-    except OSError:
-        return False
 
 
 def load_pipeline(kind: Any, weights: str, device: str, dtype: torch.dtype) -> Any:
@@ -304,15 +220,3 @@ def load_pipeline_on_cpu(kind: Any, weights: str, dtype: torch.dtype, **parts: A
 def as_dtype(part: Any, dtype: torch.dtype) -> Any:
     """A component in `dtype`: older versions of the library ignore `dtype=`."""
     return part if part.dtype == dtype else part.to(dtype)
-
-
-def check_torchscript(path: Path, flag: str, fix: str) -> None:
-    """Raises InputError for a file that is no TorchScript, without running it; `flag` is where it was named."""
-    inside = []
-    if path.is_file() and zipfile.is_zipfile(path):
-        with zipfile.ZipFile(path) as archive:
-            inside = [name.partition("/")[2] for name in archive.namelist()]
-    if any(name.startswith("code/") for name in inside) and "constants.pkl" in inside:
-        return
-    fault = "holds weights without their network" if "data.pkl" in inside else "is none"
-    raise InputError.of(flag, f'"{path}"', f"is to be a TorchScript file and {fault}", fix)

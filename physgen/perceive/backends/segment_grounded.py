@@ -1,13 +1,13 @@
-"""Open-vocabulary segmentation: Grounding DINO boxes, SAM or SAM 2 masks (paper section 3.1).
+"""Open-vocabulary segmentation: Grounding DINO boxes, SAM masks (paper section 3.1).
 
 `segment=grounding-dino+sam:DINO,SAM` names both weights, `:DINO` or `:,SAM` one of them, as hub ids or paths. Pictures
-for SAM are prepared here as the models' own processors do it: SAM 2's needs torchvision.
+for SAM are prepared here as its own processor does it.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,14 +23,12 @@ from physgen.perceive.backends.models import (
     dtype_of,
     free_memory,
     load_weights,
-    read_options,
-    real_number,
     run_note,
+    weight_ids,
 )
 from physgen.perceive.roles import Category, PromptedMask, Rgb, Segments
 from physgen.perceive.segment.masks import CONFIDENT, Box, Cut, Mask, distinct_boxes, segments
-from physgen.problems import InputError
-from physgen.registry import Setup, find
+from physgen.registry import Setup, read_options
 
 MEAN, SPREAD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 """ImageNet's."""
@@ -53,26 +51,18 @@ class GroundedConstants:
 GROUNDED = GroundedConstants()
 
 
-def with_sam(setup: Setup) -> Grounded:
-    """The backend `grounding-dino+sam`."""
-    return Grounded("grounding-dino+sam", Sam, setup)
-
-
-def with_sam2(setup: Setup) -> Grounded:
-    """The backend `grounding-dino+sam2`."""
-    return Grounded("grounding-dino+sam2", Sam2, setup)
+NAME = "grounding-dino+sam"
 
 
 class Grounded:
     """A segmenter for given nouns; its models are loaded when first needed."""
 
-    def __init__(self, name: str, sam: Callable[..., Sam], setup: Setup) -> None:
+    def __init__(self, setup: Setup) -> None:
         """Raises InputError for an unknown device, number type or weights."""
-        self._weights = weights_of(name, setup)
+        self._weights = weight_ids("segment", NAME, setup)
         self._device = device_of(setup)
         self._dtype = dtype_of(setup, self._device)
-        self._threshold = threshold_of(name, setup, CONFIDENT)
-        self._sam_class = sam
+        self._threshold = threshold_of(NAME, setup, CONFIDENT)
         self._dino: GroundingDino | None = None
         self._sam: Sam | None = None
         self._counts: dict[str, Any] = {}
@@ -124,24 +114,18 @@ class Grounded:
 
     def _segmenter(self) -> Sam:
         if self._sam is None:
-            self._sam = self._sam_class(self._weights[1], self._device, self._dtype)
+            self._sam = Sam(self._weights[1], self._device, self._dtype)
         return self._sam
 
 
-def weights_of(name: str, setup: Setup) -> tuple[str, ...]:
-    """One id or path for each of the row's weights: `A,B` names both, `A` and `,B` one. Raises InputError for more."""
-    defaults = [weights.id for weights in find("segment", name).weights]
-    named = [part.strip() for part in setup.weights.split(",")]
-    if len(named) > len(defaults):
-        fix = f"write at most {len(defaults)}, with a comma between"
-        raise InputError.of("--backend", f'"{setup.weights}"', f"names {len(named)} weights for {name}", fix)
-    named += [""] * (len(defaults) - len(named))
-    return tuple(one or default for one, default in zip(named, defaults, strict=True))
+grounded = Grounded
+"""The factory named in the registry."""
 
 
 def threshold_of(name: str, setup: Setup, default: float) -> float:
     """The option `threshold`: confidence, 0..1, from which a mask is an object. Raises InputError."""
-    return float(read_options(setup, name, {"threshold": real_number(default)})["threshold"])
+    option = default, {"type": "number", "minimum": 0, "maximum": 1}
+    return float(read_options(setup, name, {"threshold": option})["threshold"])
 
 
 def pixels(
@@ -154,38 +138,29 @@ def pixels(
 
 
 class Sam:
-    """SAM, v1: one encoding of the photo in `dtype`, then a mask for each prompt in float32.
+    """One encoding of the photo in `dtype`, then a mask for each prompt in float32.
 
-    Prompts of 16 bits would be off by pixels.
+    Prompts of 16 bits would be off by pixels. The photo keeps its proportions, and the rest of the input is black.
     """
-
-    what = "SAM"
 
     def __init__(self, weights: str, device: str, dtype: torch.dtype) -> None:
         """Raises InputError where the weights are missing."""
-        self.model: Any = load_weights(self._load, weights, self.what).eval().to(device)
+        self.model: Any = load_weights(_load_sam, weights, "SAM").eval().to(device)
         self._device, self._dtype = device, dtype
         self.side = int(self.model.config.prompt_encoder_config.image_size)
         self._features: Any = None
         self._photo = self._inner = (0, 0)
 
-    def _load(self, weights: str) -> Any:
-        from transformers import SamModel
-
-        return SamModel.from_pretrained(weights, dtype=torch.float32, use_safetensors=True)
-
     def encode(self, rgb: Rgb) -> None:
         """Encode a photo for the prompts that follow."""
         self._photo = height, width = rgb.shape[0], rgb.shape[1]
-        self._inner = self._input_size(height, width)
+        scale = self.side / max(height, width)
+        self._inner = max(1, int(height * scale + 0.5)), max(1, int(width * scale + 0.5))
         ready = pad(pixels(rgb, self._inner), (0, self.side - self._inner[1], 0, self.side - self._inner[0]))
         half = self._dtype != torch.float32
         kind = self._device.partition(":")[0]
         with torch.inference_mode(), torch.autocast(kind, self._dtype, enabled=half):
-            found = self.model.get_image_embeddings(ready.to(self._device))
-        self._features = (
-            [part.float() for part in found] if isinstance(found, list | tuple) else found.float()
-        )
+            self._features = self.model.get_image_embeddings(ready.to(self._device)).float()
 
     def boxes(self, boxes: Sequence[Box]) -> Iterator[tuple[Mask, float]]:
         """For each box its mask and the mask's expected IoU, 0..1."""
@@ -223,34 +198,11 @@ class Sam:
         whole = interpolate(inner, self._photo, mode="bilinear", align_corners=False)[0, 0]
         return np.asarray((whole > 0).cpu().numpy(), np.bool_)
 
-    def _input_size(self, height: int, width: int) -> tuple[int, int]:
-        """The photo's size in the model's input: SAM keeps its proportions and leaves the rest black."""
-        scale = self.side / max(height, width)
-        return max(1, int(height * scale + 0.5)), max(1, int(width * scale + 0.5))
-
     def _scale(self) -> NDArray[np.float32]:
         return np.divide(self._inner[::-1], self._photo[::-1], dtype=np.float32)
 
     def _tensor(self, values: NDArray[np.float32]) -> torch.Tensor:
         return torch.from_numpy(values[None].copy()).to(self._device)
-
-
-class Sam2(Sam):
-    """SAM 2 and 2.1: the photo is stretched to a square."""
-
-    what = "SAM 2"
-
-    def _load(self, weights: str) -> Any:
-        from transformers import Sam2Model
-
-        return Sam2Model.from_pretrained(weights, dtype=torch.float32, use_safetensors=True)
-
-    def _input_size(self, height: int, width: int) -> tuple[int, int]:
-        return self.side, self.side
-
-    def _restored(self, logits: torch.Tensor) -> Mask:
-        whole = interpolate(logits[None, None], self._photo, mode="bilinear", align_corners=False)[0, 0]
-        return np.asarray((whole > 0).cpu().numpy(), np.bool_)
 
 
 @dataclass(frozen=True)
@@ -339,6 +291,12 @@ def plain_noun(noun: str) -> str:
     'mr potato-head'
     """
     return " ".join(re.sub(r"[^\w\s'-]", " ", noun.lower()).split())
+
+
+def _load_sam(weights: str) -> Any:
+    from transformers import SamModel
+
+    return SamModel.from_pretrained(weights, dtype=torch.float32, use_safetensors=True)
 
 
 def _load_dino(weights: str) -> tuple[Any, Any, Any]:

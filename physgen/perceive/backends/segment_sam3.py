@@ -13,8 +13,15 @@ import torch
 from torch.nn.functional import interpolate
 
 from physgen.perceive.backends.categories_everyday import everyday
-from physgen.perceive.backends.models import device_of, dtype_of, free_memory, load_weights, run_note
-from physgen.perceive.backends.segment_grounded import pixels, plain_noun, threshold_of, weights_of
+from physgen.perceive.backends.models import (
+    device_of,
+    dtype_of,
+    free_memory,
+    load_weights,
+    run_note,
+    weight_ids,
+)
+from physgen.perceive.backends.segment_grounded import pixels, plain_noun, threshold_of
 from physgen.perceive.roles import Category, Rgb, Segments
 from physgen.perceive.segment.masks import DOUBTFUL, Cut, Mask, segments
 from physgen.registry import Setup
@@ -34,7 +41,7 @@ class Sam3:
 
     def __init__(self, setup: Setup) -> None:
         """Raises InputError for an unknown device or number type."""
-        (self._weights,) = weights_of(NAME, setup)
+        (self._weights,) = weight_ids("segment", NAME, setup)
         self._device = device_of(setup)
         self._dtype = dtype_of(setup, self._device)
         self._threshold = threshold_of(NAME, setup, CONFIDENT)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import time
 from base64 import b64encode
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -23,20 +22,20 @@ import openai
 from jsonschema import Draft202012Validator
 
 from physgen.files import write_atomic
-from physgen.problems import InputError, Problem
-from physgen.registry import Setup, suggestion
+from physgen.problems import InputError
+from physgen.registry import Options, Setup, read_options
 
 URL, MODEL, KEY, OPENAI_KEY = "PHYSGEN_VLM_URL", "PHYSGEN_VLM_MODEL", "PHYSGEN_VLM_KEY", "OPENAI_API_KEY"
 OPENAI = "api.openai.com"
-LIMITS: Mapping[str, tuple[type, float, float]] = {
-    "samples": (int, 1, 25),
-    "timeout": (float, 0.05, 3600),
-    "parallel": (int, 1, 64),
+OPTIONS: Options = {
+    "url": ("", {"type": "string", "not": {"pattern": "@"}}),  # no password in a file
+    "model": ("", {"type": "string"}),
+    "samples": (1, {"type": "integer", "minimum": 1, "maximum": 25}),
+    "timeout": (90, {"type": "number", "minimum": 0.05, "maximum": 3600}),
+    "parallel": (4, {"type": "integer", "minimum": 1, "maximum": 64}),
+    "cache": (True, {"type": "boolean"}),
 }
-"""Numeric options of `[vlm]`: type, least and greatest value."""
-KNOWN = ("url", "model", "cache", *LIMITS)
-OPTIONAL = ("response_format", "seed", "temperature")
-"""Parameters that some servers do not know: left out, in this order, when a request is refused."""
+"""`[vlm]` of physgen.toml."""
 LOCAL_KEYWORDS = frozenset(["minimum", "maximum", "exclusiveMinimum", "minLength", "minItems", "maxItems"])
 """Schema keywords that are checked here only: many servers refuse a strict schema that contains them."""
 
@@ -60,7 +59,6 @@ class Requests:
 
 
 REQUESTS = Requests()
-_START = re.compile(r"[\[{]")
 _THOUGHT = re.compile(r"<think>.*?(</think>|\Z)", re.DOTALL)
 _DECODER = json.JSONDecoder(parse_constant=lambda name: name)  # NaN and Infinity stay text
 Schema = Mapping[str, Any]
@@ -76,14 +74,14 @@ class Settings:
     """The server's name for it."""
     url: str
     """Of an OpenAI-compatible server."""
-    key: str = field(default="", repr=False)
-    samples: int = 1
+    key: str = field(repr=False)
+    samples: int
     """Answers to each question; their median counts, their spread gives the confidence."""
-    timeout: float = 90.0
+    timeout: float
     """s without a response after which a request is given up."""
-    parallel: int = 4
+    parallel: int
     """Concurrent requests."""
-    cache: bool = True
+    cache: bool
 
     @property
     def where(self) -> str:
@@ -99,23 +97,21 @@ class Settings:
 
 def read_settings(role: str, setup: Setup) -> Settings:
     """Settings from the environment, then from `[vlm]`. Raises InputError with everything missing or wrong."""
-    options, problems = dict(setup.options), _option_problems(setup.options)
-    url = os.environ.get(URL) or str(options.get("url", ""))
-    model = setup.weights or os.environ.get(MODEL) or str(options.get("model", ""))
+    options = read_options(setup, "vlm", OPTIONS)
+    url = os.environ.get(URL) or options.pop("url")
+    model = setup.weights or os.environ.get(MODEL) or options.pop("model")
     name = f"{role}=vlm"
     if not url:
         fix = f"set {URL} and {MODEL} (its key in {KEY}), or write url and model below [vlm] in physgen.toml"
-        problems += _problem(name, "has no server to ask", fix)
-    elif urlsplit(url).scheme not in ("http", "https") or not urlsplit(url).hostname:
+        raise InputError.of("--backend", name, "has no server to ask", fix)
+    if urlsplit(url).scheme not in ("http", "https") or not urlsplit(url).hostname:
         fix = "write e.g. http://localhost:8000/v1"
-        problems += _problem(name, f"is given a {URL} that is no address", fix)
-    elif not model:
+        raise InputError.of("--backend", name, f"is given a {URL} that is no address", fix)
+    if not model:
         fix = f"set {MODEL}, or write {name}:MODEL, as the server calls it"
-        problems += _problem(name, "is given a server and no model", fix)
-    if problems:
-        raise InputError(problems)
-    numbers = {name: LIMITS[name][0](options[name]) for name in LIMITS if name in options}
-    return Settings(role, model, url, _key(url), cache=options.get("cache", True), **numbers)
+        raise InputError.of("--backend", name, "is given a server and no model", fix)
+    numbers = {key: options[key] for key in ("samples", "timeout", "parallel", "cache")}
+    return Settings(role, model, url, _key(url), **numbers)
 
 
 def _key(url: str) -> str:
@@ -125,32 +121,6 @@ def _key(url: str) -> str:
     if os.environ.get(URL) or urlsplit(url).hostname == OPENAI:
         return os.environ.get(OPENAI_KEY, "").strip()
     return ""
-
-
-def _option_problems(options: Mapping[str, Any]) -> list[Problem]:
-    problems: list[Problem] = []
-    for name, value in options.items():
-        found = f"[vlm] {name}"
-        if "key" in name.lower() or (name == "url" and "@" in urlsplit(str(value)).netloc):
-            fix = f"set the environment variable {KEY} instead, and make a new key if others saw the file"
-            problems += _problem(found, "is a secret in a file", fix)
-        elif name not in KNOWN:
-            problems += _problem(found, "means nothing here", suggestion(name, KNOWN))
-        elif name in LIMITS:
-            kind, least, most = LIMITS[name]
-            number = isinstance(value, (int, kind)) and not isinstance(value, bool)
-            if not number or not least <= value <= most:
-                what = f"a {'whole ' if kind is int else ''}number from {least:g} to {most:g}"
-                problems += _problem(found, f"is {value!r}, not {what}", f"write {what}")
-        elif not isinstance(value, bool if name == "cache" else str):
-            what = "true or false" if name == "cache" else "text"
-            problems += _problem(found, f"is {value!r}, not {what}", f"write {what}")
-    return problems
-
-
-def _problem(found: str, expected: str, fix: str) -> list[Problem]:
-    place = "physgen.toml" if found.startswith("[") else "--backend"
-    return InputError.of(place, found, expected, fix).problems
 
 
 class UnusableAnswerError(Exception):
@@ -179,8 +149,8 @@ class Client:
         self.settings = settings
         self._lock = Lock()
         self._usage: Counter[str] = Counter()
-        self._seconds = 0.0
-        self._unknown: set[str] = set()
+        self._knows_schemas = True
+        """Whether the server takes a schema, a seed and a temperature."""
 
     @cached_property
     def _server(self) -> openai.OpenAI:
@@ -194,7 +164,7 @@ class Client:
 
     def ask(self, queries: Sequence[Query]) -> list[list[Any]]:
         """The samples of answers to each question. Raises InputError where there is no usable answer."""
-        samples, started = self.settings.samples, time.perf_counter()
+        samples = self.settings.samples
         self._usage = Counter()
         pool = ThreadPoolExecutor(self.settings.parallel)
         requests = [(query, sample) for query in queries for sample in range(samples)]
@@ -208,15 +178,13 @@ class Client:
             raise
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
-            self._seconds = time.perf_counter() - started
         return [found[k : k + samples] for k in range(0, len(found), samples)]
 
     def note(self) -> Mapping[str, Any]:
         """Model, server and usage of the last call, for the record."""
-        names = ("requests", "cached", "asked_again", "retries", "tokens_in", "tokens_out")
-        usage = {name: self._usage[name] for name in names}
-        head = {"model": self.settings.model, "server": self.settings.where}
-        return head | usage | {"samples": self.settings.samples, "seconds": round(self._seconds, 3)}
+        usage = {name: self._usage[name] for name in ("requests", "cached", "tokens_in", "tokens_out")}
+        settings = self.settings
+        return {"model": settings.model, "server": settings.where, "samples": settings.samples} | usage
 
     def close(self) -> None:
         """Close the connections."""
@@ -231,10 +199,13 @@ class Client:
         if not self.settings.cache:
             return self._answer(query, sample)
         file = _cache_file(query, self.settings, sample)
-        cached = _read_cached(file)
-        if cached is not None and not _breaches(cached, query.schema) and not query.contradictions(cached):
-            self._count(cached=1)
-            return cached
+        with suppress(
+            OSError, ValueError, KeyError, TypeError, RecursionError
+        ):  # none there, or a broken one
+            cached = json.loads(file.read_bytes())["answer"]
+            if not _faults(cached, query):
+                self._count(cached=1)
+                return cached
         value = self._answer(query, sample)
         with suppress(OSError):  # a folder that cannot be written to is no reason to fail
             file.parent.mkdir(parents=True, exist_ok=True)
@@ -245,9 +216,8 @@ class Client:
         """A usable answer; the model is given the fault of each unusable one."""
         turns: list[dict[str, str]] = []
         fault = ""
-        for attempt in range(REQUESTS.attempts):
+        for _ in range(REQUESTS.attempts):
             text = self._complete(query, turns, sample)
-            self._count(requests=1, asked_again=int(attempt > 0))
             try:
                 return parse_answer(text, query)
             except UnusableAnswerError as error:
@@ -263,55 +233,47 @@ class Client:
 
     def _complete(self, query: Query, turns: Sequence[Mapping[str, str]], seed: int) -> str:
         """The reply to a question, after `turns` about unusable answers. Raises InputError."""
-        while True:
-            unknown = frozenset(self._unknown)
-            try:
-                raw = self._server.chat.completions.with_raw_response.create(
-                    **self._request(query, turns, seed, unknown)
-                )
-                self._count(retries=raw.retries_taken)
-                return self._reply(raw)
-            except (openai.BadRequestError, openai.UnprocessableEntityError) as error:
-                left = [name for name in OPTIONAL if name not in unknown]
-                if not left:
-                    self._fail(query, error)
-                self._unknown |= set([name for name in left if name in error.message] or left[:1])
-                self._count(retries=1)
-            except openai.OpenAIError as error:
+        knows = self._knows_schemas
+        try:
+            reply = self._server.chat.completions.create(**self._request(query, turns, seed, knows))
+            message, usage = reply.choices[0].message, reply.usage
+        except (openai.BadRequestError, openai.UnprocessableEntityError) as error:
+            if not knows:
                 self._fail(query, error)
+            self._knows_schemas = False
+            return self._complete(query, turns, seed)
+        except openai.OpenAIError as error:
+            self._fail(query, error)
+        except (ValueError, AttributeError, IndexError, TypeError):  # a web page
+            self._fail(query, openai.OpenAIError("what it gave is no chat completion"))
+        self._count(
+            requests=1,
+            tokens_in=getattr(usage, "prompt_tokens", None) or 0,
+            tokens_out=getattr(usage, "completion_tokens", None) or 0,
+        )
+        return message.content or getattr(message, "refusal", None) or ""
 
     def _request(
-        self, query: Query, turns: Sequence[Mapping[str, str]], seed: int, unknown: frozenset[str]
+        self, query: Query, turns: Sequence[Mapping[str, str]], seed: int, knows_schemas: bool
     ) -> dict[str, Any]:
+        """Without what some servers do not know, the schema stands in the question."""
         schema = server_schema(query.schema)
-        answer = {"name": "answer", "strict": True, "schema": schema}
-        optional: dict[str, Any] = {
-            "response_format": {"type": "json_schema", "json_schema": answer},
-            "seed": seed,
-            "temperature": self.settings.temperature,
-        }
-        text = query.text
-        if "response_format" in unknown:
+        text, optional = query.text, {}
+        if knows_schemas:
+            answer = {"name": "answer", "strict": True, "schema": schema}
+            optional = {
+                "response_format": {"type": "json_schema", "json_schema": answer},
+                "seed": seed,
+                "temperature": self.settings.temperature,
+            }
+        else:
             text = f"{text}\n\nThe JSON schema of the answer:\n{json.dumps(schema)}"
         content: list[dict[str, Any]] = [{"type": "text", "text": text}]
         for picture in query.pictures:
             url = f"data:image/png;base64,{b64encode(picture).decode()}"
             content.append({"type": "image_url", "image_url": {"url": url}})
-        request = {"model": self.settings.model, "messages": [{"role": "user", "content": content}, *turns]}
-        return request | {name: value for name, value in optional.items() if name not in unknown}
-
-    def _reply(self, raw: Any) -> str:
-        """A response's text. Raises OpenAIError where it is no chat completion, e.g. a web page."""
-        try:
-            completion = raw.parse()
-            message, usage = completion.choices[0].message, completion.usage
-        except (ValueError, AttributeError, IndexError, TypeError, openai.APIResponseValidationError):
-            raise openai.OpenAIError(f"no chat completion: {raw.text}") from None
-        self._count(
-            tokens_in=getattr(usage, "prompt_tokens", None) or 0,
-            tokens_out=getattr(usage, "completion_tokens", None) or 0,
-        )
-        return message.content or getattr(message, "refusal", None) or ""
+        messages = [{"role": "user", "content": content}, *turns]
+        return {"model": self.settings.model, "messages": messages, **optional}
 
     def _asked_for(self, query: Query) -> str:
         settings = self.settings
@@ -319,30 +281,18 @@ class Client:
 
     def _fail(self, query: Query, error: openai.OpenAIError) -> NoReturn:
         """One message: the failure, the server and model, and the fix; never the key."""
-        settings, tries = self.settings, f"tried {REQUESTS.retries + 1} times"
-        cause = error.__cause__ if isinstance(error, openai.APIConnectionError) else None
         body = getattr(error, "body", None)
-        text = str(body.get("message") if isinstance(body, dict) else cause or error)
-        text = plain_line(text.replace(settings.key, "***") if settings.key else text, 160)
-        if isinstance(error, openai.APITimeoutError):
-            what = f"did not answer within {settings.timeout:g} s, {tries}"
-            fix = "see whether it hangs, or set timeout below [vlm] in physgen.toml to more seconds"
-        elif isinstance(error, openai.APIConnectionError):
-            what, fix = (
-                f"cannot be reached or broke off, {tries} ({text})",
-                f"see whether it runs and {URL} is right",
-            )
+        text = str(body.get("message") if isinstance(body, dict) else error.__cause__ or error)
+        text = plain_line(text.replace(self.settings.key, "***") if self.settings.key else text, 160)
+        if isinstance(error, openai.APIConnectionError):  # a timeout is one
+            what = f"gave no answer, tried {REQUESTS.retries + 1} times ({text or type(error).__name__})"
+            fix = f"see whether it runs, whether {URL} is right, or set a longer timeout below [vlm]"
         elif isinstance(error, openai.AuthenticationError | openai.PermissionDeniedError):
             what = f"refuses the key ({error.status_code})"
             fix = f"set {KEY}, or {OPENAI_KEY}, to a key of that server"
-        elif isinstance(error, openai.RateLimitError | openai.InternalServerError):
-            what, fix = f"is too busy or fails, {tries} ({error.status_code}: {text})", "try again later"
-        elif isinstance(error, openai.APIStatusError):
-            what = f"refuses the question ({error.status_code}: {text})"
-            fix = f"check {MODEL}, {URL}, and that the model takes pictures"
         else:
-            what = f"gave what cannot be read ({text})"
-            fix = f"check that {URL} is that of an OpenAI-compatible server, mostly ending in /v1"
+            what = f"fails ({getattr(error, 'status_code', 'no status')}: {text})"
+            fix = f"check {MODEL}, {URL} (mostly ending in /v1), and that the model takes pictures"
         raise InputError.of("--backend", self._asked_for(query), what, fix) from None
 
 
@@ -357,14 +307,6 @@ def _cache_file(query: Query, settings: Settings, sample: int) -> Path:
     ]
     digest = sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
     return folder / digest[:2] / f"{digest}.json"
-
-
-def _read_cached(path: Path) -> Any:
-    """The answer in a file; None where there is none, or a broken one."""
-    try:
-        return json.loads(path.read_bytes())["answer"]
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return None
 
 
 def object_schema(**properties: Schema) -> dict[str, Any]:
@@ -385,70 +327,45 @@ def server_schema(schema: Any) -> Any:
 
 
 def parse_answer(text: str, query: Query) -> Any:
-    """The first JSON in `text` that answers `query`; prose, code fences and thoughts around it are skipped.
+    """The first JSON object in `text` that answers `query`; prose, code fences and thoughts around it are skipped.
 
     Raises UnusableAnswerError with the faults of the first JSON found.
     """
     text = _THOUGHT.sub(" ", text[: REQUESTS.answer]).strip()
     first = "" if text else "it was empty"
-    for value in _json_values(text):
-        converted = _converted(value, query.schema)
-        faults = _breaches(converted, query.schema) or query.contradictions(converted)
+    for value in _json_objects(text):
+        faults = _faults(value, query)
         if not faults:
-            return converted
+            return value
         first = first or "; ".join(faults[:4])
     raise UnusableAnswerError(first or f'it had no JSON in it, but "{plain_line(text, 60)}"')
 
 
-def _json_values(text: str) -> Iterator[Any]:
-    """Every outermost JSON object and array in a text."""
+def _json_objects(text: str) -> Iterator[Any]:
+    """Every outermost JSON object in a text."""
     position = 0
     for _ in range(REQUESTS.starts):
-        if not (found := _START.search(text, position)):
+        if (start := text.find("{", position)) < 0:
             return
         try:
-            value, position = _DECODER.raw_decode(text, found.start())
+            value, position = _DECODER.raw_decode(text, start)
         except RecursionError:  # the next bracket would fail in the same way
             return
         except ValueError:
-            position = found.end()
+            position = start + 1
         else:
             yield value
 
 
-def _breaches(value: Any, schema: Schema) -> list[str]:
-    breaches = []
-    errors = Draft202012Validator(schema).iter_errors(value)
+def _faults(value: Any, query: Query) -> list[str]:
+    """Breaches of the schema, or else contradictions."""
+    faults = []
+    errors = Draft202012Validator(query.schema).iter_errors(value)
     for error in sorted(errors, key=lambda e: (len(e.path), str(e.path))):
         where = error.json_path.removeprefix("$").lstrip(".")
         message = plain_line(error.message, 120)
-        breaches.append(f"{where}: {message}" if where else message)
-    return breaches
-
-
-def _converted(value: Any, schema: Schema) -> Any:
-    """The value with obvious slips corrected: quoted numbers, a list without its key, unknown keys dropped."""
-    kind = schema.get("type")
-    if kind == "object":
-        properties = schema["properties"]
-        if isinstance(value, list) and len(properties) == 1:  # the list itself, without the key above it
-            value = {next(iter(properties)): value}
-        if isinstance(value, Mapping):
-            return {key: _converted(value[key], properties[key]) for key in properties if key in value}
-    elif kind == "array" and isinstance(value, list):
-        return [_converted(item, schema["items"]) for item in value]
-    elif kind == "boolean" and isinstance(value, str):
-        return {"true": True, "false": False}.get(value.strip().lower(), value)
-    elif kind in ("integer", "number") and isinstance(value, str | int | float):
-        with suppress(ValueError, OverflowError):
-            number = float(value) if not isinstance(value, bool) else None
-            if number is not None and abs(number) < 1e30:  # NaN and infinity stay text
-                return int(number) if kind == "integer" and number.is_integer() else number
-        return value if isinstance(value, bool) else str(value)
-    elif kind == "string" and isinstance(value, str):
-        value = plain_line(value)
-        return value.lower() if value.lower() in schema.get("enum", ()) else value
-    return value
+        faults.append(f"{where}: {message}" if where else message)
+    return faults or query.contradictions(value)
 
 
 def plain_line(text: str, most: int = 300) -> str:

@@ -6,7 +6,6 @@ Its frames are to be of about 512 x 512 px, and 16 of them seen at a time. It is
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import torch
@@ -21,7 +20,6 @@ from physgen.refine.backends.sampling import (
     Sampler,
     Schedule,
     Trained,
-    check_pipeline_class,
     ddim,
     load_pipeline,
     part_config,
@@ -31,7 +29,6 @@ from physgen.refine.denoiser import Grid
 from physgen.registry import Setup, find
 
 WHAT = "AnimateDiff"
-KNOWN = ("AnimateDiffPipeline", "AnimateDiffVideoToVideoPipeline")
 FRAMES = 16
 """That its adapters were trained on, whatever they can take."""
 CHUNK = 8
@@ -85,52 +82,37 @@ class AnimateDiff:
 
 def trained(weights: tuple[str, ...]) -> Trained:
     """What the configurations say."""
-    adapter, base = _parts(weights)
-    found = pipeline_index(base, WHAT)
-    if adapter is None:
-        check_pipeline_class(base, str(found.get("_class_name")), KNOWN, WHAT)
-        unet = motion = part_config(base, "unet", WHAT)
-    else:
-        motion = part_config(adapter, "", WHAT)
-        kind = str(motion.get("_class_name"))
-        if kind != "MotionAdapter":
-            fix = f"name a motion adapter first, e.g. {find('refine', 'animatediff').weights[0].id}"
-            raise InputError.of(REFINE.name, f'"{adapter}"', f"is a {kind}: no motion adapter", fix)
-        plain = found.get("unet", ["", ""])[1] == "UNet2DConditionModel" and "text_encoder_2" not in found
-        unet = part_config(base, "unet", WHAT) if plain else {}
-        if list(motion["block_out_channels"]) != list(unet.get("block_out_channels", [])):
-            what = f"is a {found.get('_class_name')} that the adapter does not fit"
-            fix = "name weights of Stable Diffusion 1.5 after the comma"
-            raise InputError.of(REFINE.name, f'"{base}"', what, fix)
+    adapter, base = weights
+    found, motion = pipeline_index(base, WHAT), part_config(adapter, "", WHAT)
+    kind = str(motion.get("_class_name"))
+    if kind != "MotionAdapter":
+        fix = f"name a motion adapter first, e.g. {find('refine', 'animatediff').weights[0].id}"
+        raise InputError.of(REFINE.name, f'"{adapter}"', f"is a {kind}: no motion adapter", fix)
+    plain = found.get("unet", ["", ""])[1] == "UNet2DConditionModel" and "text_encoder_2" not in found
+    unet = part_config(base, "unet", WHAT) if plain else {}
+    if list(motion["block_out_channels"]) != list(unet.get("block_out_channels", [])):
+        what = f"is a {found.get('_class_name')} that the adapter does not fit"
+        fix = "name weights of Stable Diffusion 1.5 after the comma"
+        raise InputError.of(REFINE.name, f'"{base}"', what, fix)
     vae, most = part_config(base, "vae", WHAT), motion.get("motion_max_seq_length", 32)
     cell = 2 ** (len(vae["block_out_channels"]) - 1)
     levels = 2 ** (len(unet["block_out_channels"]) - 1)
     side = unet.get("sample_size") or 64
-    return Trained(Grid(cell, cell * levels, (side * cell) ** 2, 1, 1, min(FRAMES, most)), most)
-
-
-def _parts(weights: tuple[str, ...]) -> tuple[str | None, str]:
-    """Adapter and base; None: the base has its own. One name that is no pipeline's is an adapter's."""
-    if len(weights) == 2:
-        return weights[0], weights[1]
-    path = Path(weights[0]).expanduser()
-    if path.is_dir() and not (path / "model_index.json").exists() and (path / "config.json").exists():
-        return weights[0], find("refine", "animatediff").weights[1].id
-    return None, weights[0]
+    return Trained(Grid(cell, cell * levels, (side * cell) ** 2, 1, min(FRAMES, most)), most)
 
 
 def load(weights: tuple[str, ...], device: str, dtype: torch.dtype) -> AnimateDiff:
     """The pipeline."""
-    adapter, base = _parts(weights)
-    parts = {}
-    if adapter is not None:
+    adapter, base = weights
 
-        def motion(path: str) -> Any:
-            return as_dtype(MotionAdapter.from_pretrained(path, dtype=dtype, use_safetensors=True), dtype)
+    def motion(path: str) -> Any:
+        return as_dtype(MotionAdapter.from_pretrained(path, dtype=dtype, use_safetensors=True), dtype)
 
-        parts["motion_adapter"] = load_weights(motion, adapter, WHAT, REFINE)
-    pipe = load_pipeline(AnimateDiffVideoToVideoPipeline, base, dtype, WHAT, AutoencoderKL, **parts)
-    return AnimateDiff(pipe, device, dtype)
+    part = load_weights(motion, adapter, WHAT, REFINE)
+    kind = AnimateDiffVideoToVideoPipeline
+    return AnimateDiff(
+        load_pipeline(kind, base, dtype, WHAT, AutoencoderKL, motion_adapter=part), device, dtype
+    )
 
 
 KIND = Kind("animatediff", WHAT, 8.0, trained, load)
@@ -138,5 +120,5 @@ KIND = Kind("animatediff", WHAT, 8.0, trained, load)
 
 
 def animatediff(setup: Setup) -> Sampler:
-    """The backend `animatediff`; its weights are `ADAPTER,BASE`, or a whole pipeline's folder."""
+    """The backend `animatediff`; its weights are `ADAPTER,BASE`."""
     return Sampler(KIND, setup)

@@ -18,7 +18,7 @@ ANY = 1 << 30
 class Nothing:
     """A model whose latents are the frames, and that changes nothing in any step."""
 
-    grid = Grid(cell=1, side=1, area=ANY, stride=1, group=1, window=ANY)
+    grid = Grid(cell=1, side=1, area=ANY, stride=1, window=ANY)
 
     def begin(self, frames: Sequence[U8], prompt: PromptSettings, steps: int, count: int) -> F32:
         """(F, 3, H, W), 0..1."""

@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any, Protocol
 
 import diffusers
@@ -24,7 +23,6 @@ from torch import Tensor
 
 from physgen.perceive.backends.models import (
     Flag,
-    Option,
     as_dtype,
     device_of,
     dtype_of,
@@ -32,15 +30,13 @@ from physgen.perceive.backends.models import (
     is_out_of_memory,
     load_pipeline_on_cpu,
     load_weights,
-    one_of,
-    read_options,
     run_note,
-    whole_number,
+    weight_ids,
 )
 from physgen.problems import InputError, Problem
 from physgen.refine.denoiser import Grid, PromptSettings
 from physgen.refine.latents import frames_held, latent_frames
-from physgen.registry import Setup, find, hub_cache
+from physgen.registry import Options, Setup, hub_cache, read_options
 
 REFINE = Flag("--refine", "NAME:PATH")
 LIBRARIES = ("diffusers", "transformers")
@@ -83,22 +79,6 @@ def check_pipeline_class(weights: str, found: str, known: tuple[str, ...], what:
     if found not in known:
         fix = f"name weights of a {known[0]}, or the backend of these"
         raise InputError.of(REFINE.name, f'"{weights}"', f"is a {found}: not for {what}", fix)
-
-
-def weight_names(name: str, given: str) -> tuple[str, ...]:
-    """The weights of backend `name`: those given after its name's colon, or the row's own.
-
-    One given part may be a whole pipeline or the row's first weights; `A,B` are the first and the second.
-    """
-    own = tuple(weights.id for weights in find("refine", name).weights)
-    if not given:
-        return own
-    parts = [given] if len(own) == 1 or Path(given).expanduser().exists() else given.split(",")
-    if len(parts) > len(own):
-        fix = f"write at most {len(own)}, with a comma between"
-        raise InputError.of(REFINE.name, f'"{given}"', f"names {len(parts)} weights for {name}", fix)
-    stripped = [part.strip() for part in parts]
-    return tuple(part or default for part, default in zip(stripped, own, strict=False))
 
 
 def revision(weights: str) -> str:
@@ -164,7 +144,7 @@ def ddim(scheduler: Any, steps: int, count: int) -> Schedule:
     else noise would stay. Here every step ends where the next begins, and the last at the picture itself.
     """
     config, kept = scheduler.config, scheduler.alphas_cumprod.numpy().astype(np.float64)
-    times = levels(len(kept), steps, config.timestep_spacing, config.get("steps_offset", 0))[-count:]
+    times = levels(len(kept), steps, config.steps_offset)[-count:]
     a = np.append(kept[times], 1.0)
     signal, noise_part = np.sqrt(a).astype(np.float32), np.sqrt(1 - a).astype(np.float32)
 
@@ -175,8 +155,6 @@ def ddim(scheduler: Any, steps: int, count: int) -> Schedule:
         s, n = signal[k], noise_part[k]
         if config.prediction_type == "v_prediction":
             z0, noise = s * latents - n * prediction, s * prediction + n * latents
-        elif config.prediction_type == "sample":
-            z0, noise = prediction, (latents - s * prediction) / n
         else:
             z0, noise = (latents - n * prediction) / s, prediction
         return np.asarray(signal[k + 1] * z0 + noise_part[k + 1] * noise, np.float32)
@@ -184,15 +162,13 @@ def ddim(scheduler: Any, steps: int, count: int) -> Schedule:
     return Schedule(type(scheduler).__name__, torch.from_numpy(times), noised, stepped)
 
 
-def levels(most: int, steps: int, spacing: str, offset: int) -> NDArray[np.int64]:
-    """(steps,) of `most` levels, the noisiest first, evenly spread; as diffusers has them where `steps` divides `most`.
+def levels(most: int, steps: int, offset: int) -> NDArray[np.int64]:
+    """(steps,) of `most` levels, the noisiest first; diffusers' `leading` where `steps` divides `most`.
 
-    >>> levels(1000, 4, "leading", 1).tolist(), levels(1000, 4, "trailing", 0).tolist()
-    ([751, 501, 251, 1], [999, 749, 499, 249])
+    >>> levels(1000, 4, 1).tolist()
+    [751, 501, 251, 1]
     """
     down = np.arange(steps)[::-1]
-    if spacing == "trailing":
-        return np.asarray(np.round((down + 1) * most / steps) - 1, np.int64)
     return np.minimum(np.floor(down * most / steps).astype(np.int64) + offset, most - 1)
 
 
@@ -211,10 +187,10 @@ def euler(scheduler: Any, steps: int, count: int) -> Schedule:
 
 
 U8 = NDArray[np.uint8]
-OPTIONS: dict[str, Option] = {
-    "resolution": whole_number(None, 16),
-    "window": whole_number(None, 1),
-    "offload": one_of("auto", "none", "model", "sequential"),
+OPTIONS: Options = {
+    "resolution": (None, {"type": "integer", "minimum": 16}),
+    "window": (None, {"type": "integer", "minimum": 1}),
+    "offload": ("auto", {"enum": ["auto", "none", "model", "sequential"]}),
 }
 """Each backend's table of physgen.toml.
 
@@ -299,7 +275,7 @@ class Sampler:
         """Raises InputError for a device, a type, options or weights that cannot be; no weights are loaded yet."""
         self._kind = kind
         self._options = read_options(setup, kind.name, OPTIONS)
-        self._weights = weight_names(kind.name, setup.weights)
+        self._weights = weight_ids("refine", kind.name, setup, REFINE)
         self._device = device_of(setup)
         self._dtype = dtype_of(setup, self._device)
         may_offload(kind.name, self._options["offload"], self._device)

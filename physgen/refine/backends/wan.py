@@ -28,7 +28,6 @@ from physgen.refine.backends.sampling import (
     pipeline_index,
 )
 from physgen.refine.denoiser import Grid
-from physgen.refine.latents import latent_frames
 from physgen.registry import Setup
 
 WHAT = "Wan"
@@ -157,10 +156,9 @@ def trained(weights: tuple[str, ...]) -> Trained:
     halves = vae.get("temperal_downsample", [False, True, True])
     cell, stride = 2 ** len(halves), 2 ** sum(halves)
     patch = network.get("patch_size", [1, 2, 2])
-    grid = Grid(cell, cell * max(patch[1:]), AREA, stride, patch[0], 1)
-    window = latent_frames(FRAMES, grid)
-    most = 1 + (network.get("rope_max_seq_len", 1024) * patch[0] - 1) * stride
-    return Trained(Grid(cell, grid.side, AREA, stride, patch[0], window), most)
+    window = 1 + (FRAMES - 1) // stride
+    most = 1 + (network.get("rope_max_seq_len", 1024) - 1) * stride
+    return Trained(Grid(cell, cell * max(patch[1:]), AREA, stride, window), most)
 
 
 def load(weights: tuple[str, ...], device: str, dtype: torch.dtype) -> Wan:
