@@ -20,7 +20,7 @@ from physgen.files import resource, write_atomic, write_with_backup
 from physgen.geometry.polygon import Array, Disc, Outline, mass_properties
 from physgen.maps import Keep, ignore_kept_file, write_assets, write_png
 from physgen.materials import kind, nouns
-from physgen.perceive.maps.occlusion import drawing_layers, occlusion_orders
+from physgen.perceive.occlusion import drawing_layers, occlusion_orders
 from physgen.perceive.roles import (
     SMALLEST_OBJECT,
     BoundaryGuess,

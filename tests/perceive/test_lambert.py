@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from physgen import registry
-from physgen.perceive.maps.lambert import highlights
+from physgen.perceive.backends.light_shading import highlights
 from physgen.photometry import DistantLight, encode_u8
 from physgen.scene.scene import View
 from tests.perceive.lambertian import ball, boxed, degrees, plain, rendered, setting, towards

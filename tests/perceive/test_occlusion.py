@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from physgen import pipeline
 from physgen.cli.main import main
-from physgen.perceive.maps.occlusion import OcclusionOrder, drawing_layers, occlusion_orders
+from physgen.perceive.occlusion import OcclusionOrder, drawing_layers, occlusion_orders
 
 Labels = NDArray[np.uint16]
 Y, X = np.mgrid[:160, :240]

@@ -3,7 +3,7 @@
 Where colour changes, paint does (Land & McCann 1971; Funt, Drew & Brockington 1992 for colour): such gradients are
 albedo's, the rest is mostly shading's. Places far apart but of one colour have mostly one albedo (Garces et al.
 2012), so that differences of light within a colour are shading's, and those between colours mostly are not. The
-normals and the light that explains them (`physgen.perceive.maps.lambert`) give the shading of objects; a screened
+normals and the light that explains them (`light=shading`) give the shading of objects; a screened
 Poisson equation, solved by cosine transforms, holds all of it together. The light on whole surfaces beside each
 other, which no gradient shows, follows from how they stand: tables, what lies behind them, objects. After Barron &
 Malik 2015 in its priors, not in its method.
@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from physgen.perceive.maps.lambert import fit_light, pixel_pairs
+from physgen.perceive.backends.light_shading import fit_light, pixel_pairs
 from physgen.perceive.roles import F32, Intrinsic, Intrinsics, Labels, Rgb
 from physgen.photometry import DistantLight, decode, luminance
 

@@ -1,1 +1,0 @@
-"""Maps stage of physgen."""
