@@ -86,16 +86,6 @@ TEXTS: dict[str, tuple[Callable[[], str], str]] = {
         "scene.yaml:3:999996: more than 500,000 values; keep pixels in image files",
     ),
     "brackets": (lambda: "[" * 100_000, "scene.yaml:1:51: nested deeper than 50 levels; nest less"),
-    "braces": (lambda: "{a: " * 100_000, "scene.yaml:1:201: nested deeper than 50 levels; nest less"),
-    "question marks": (
-        lambda: "? " * 100_000,
-        "scene.yaml:1:3: a key that is not text; write a name before the colon",
-    ),
-    "dashes": (lambda: "- " * 100_000, "scene.yaml:1:101: nested deeper than 50 levels; nest less"),
-    "deep blocks": (
-        lambda: "\n".join(" " * n + "a:" for n in range(3000)),
-        "scene.yaml:51:51: nested deeper than 50 levels; nest less",
-    ),
     "tag": (
         lambda: "physgen: !!python/object/apply:os.system [touch hurt]\n",
         "scene.yaml:1:10: a tag, tag:yaml.org,2002:python/object/apply...; write plain values",
@@ -112,27 +102,9 @@ TEXTS: dict[str, tuple[Callable[[], str], str]] = {
         lambda: BALL + "    mass: " + "9" * 10**6,
         "scene.yaml:6:11: objects.ball.mass: 99999999999",
     ),
-    "long hexadecimal": (
-        lambda: BALL + "    mass: 0x" + "f" * 10**6,
-        "scene.yaml:6:11: objects.ball.mass: 0xfffffff",
-    ),
-    "duplicate keys": (
-        lambda: HEAD + "world: {" + "view: side, " * 2 + "}\n",
-        "scene.yaml:3:21: world.view: is written twice, first on line 3; keep one",
-    ),
     "not a number": (
         lambda: BALL + "    mass: .NaN\n",
         "scene.yaml:6:11: objects.ball.mass: .NaN is not a finite number; write a finite number",
-    ),
-    "infinity": (
-        lambda: BALL + "    velocity: [0, -.Inf]\n",
-        "scene.yaml:6:19: objects.ball.velocity[1]: -.Inf is not a finite number; write a finite number",
-    ),
-    "empty": (lambda: "", "scene.yaml: empty; start with `physgen: 1` and `image: photo.png`"),
-    "list": (lambda: "[1, 2]", "scene.yaml:1:1: a list, not a mapping; start with"),
-    "pixels": (
-        lambda: "physgen: 1\nsize: [100000, 10000]\n",
-        "scene.yaml:2:7: size: 100000 x 10000 is more than 100",
     ),
     "nine MiB": (lambda: "#" * (9 * 2**20), "scene.yaml: larger than 8 MiB; keep pixels in image files"),
     "tangled outline": (
@@ -211,14 +183,6 @@ def test_image_of_many_pixels(side: tuple[int, int], tmp_path: Path) -> None:
     assert said(tmp_path) == [
         'scene.yaml:2:8: image: "photo.png" has more than 100 megapixels; make it smaller'
     ]
-
-
-def test_map_of_many_pixels(tmp_path: Path) -> None:
-    (tmp_path / "maps").mkdir()
-    (tmp_path / "maps" / "depth.png").write_bytes(_png(40_000, 25_000))
-    (tmp_path / "scene.yaml").write_text(HEAD + "assets: maps\n")
-    (line,) = said(tmp_path)
-    assert line == 'scene.yaml:3:9: assets: "maps/depth.png" has more than 100 megapixels; make it smaller'
 
 
 def test_damaged_images(tmp_path: Path) -> None:
@@ -332,13 +296,3 @@ def test_many_joints_and_fields(tmp_path: Path) -> None:
     fields = "".join(f"  f{n}: {{wind: [1, 0], drag: 1, objects: [{names}]}}\n" for n in range(40))
     (tmp_path / "scene.yaml").write_text(_balls(5000) + "joints:\n" + joints + "fields:\n" + fields)
     assert said(tmp_path) == []
-
-
-def test_variants_of_many_joints(tmp_path: Path) -> None:
-    names = ", ".join(f"ball-{n}" for n in range(5000))
-    fields = "".join(f"  f{n}: {{wind: [1, 0], drag: 1, objects: [{names}]}}\n" for n in range(40))
-    variants = "".join(f"  v{n}: {{world.duration: {n + 1}}}\n" for n in range(300))
-    text = _balls(5000) + "fields:\n" + fields + "variants:\n" + variants
-    (tmp_path / "scene.yaml").write_text(text)
-    (line,) = said(tmp_path)
-    assert "variants: are too many for a scene of this size; use sweep" in line
