@@ -7,10 +7,10 @@ multiply, walls have friction 1 and elasticity 0 by default, balls turn as discs
 
 from __future__ import annotations
 
-import difflib
+import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from math import inf, ulp
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from jsonschema import Draft202012Validator, ValidationError
 from numpy.typing import NDArray
 
 from physgen import registry
+from physgen.files import resource
 from physgen.geometry.circles import fit_circle
 from physgen.geometry.fitting import fit_outlines, long_border, without_specks
 from physgen.geometry.polygon import Disc, Outline, mass_properties
@@ -44,7 +45,8 @@ from physgen.photos import read_image
 from physgen.problems import InputError, Place, Problem, Severity
 from physgen.scene.document import Node, Source, children, decode, plain, read
 from physgen.scene.scene import View
-from physgen.text import dotted, shown
+from physgen.scene.schema import Schema, expand
+from physgen.text import dotted, nearest, shown
 
 F32 = NDArray[np.float32]
 Vector = tuple[float, float]
@@ -55,61 +57,10 @@ LEAST_SPREAD = 0.06
 """Of normals that determine a light; the flat fronts of blocks do not."""
 
 
-def _number(least: float, most: float, words: str) -> dict[str, Any]:
-    return {"type": ["number", "null"], "minimum": least, "maximum": most, "description": words}
-
-
-SETTINGS: dict[str, tuple[float | None, dict[str, Any]]] = {
-    "gravity": (980.0, _number(0, inf, "0 or more, in px/s² down")),
-    "num_steps": (120, _number(1, 216_000, "a count of steps from 1 to 216000")),
-    "animation_frames": (16, _number(1, 100_000, "a count of frames from 1")),
-    "ground_friction": (1.0, _number(0, 10, "from 0 to 10")),
-    "ground_elasticity": (0.0, _number(0, 1, "from 0 to 1")),
-    "denoise_strength": (None, _number(0, 1, "from 0 to 1")),
-}
-"""Key: default and schema."""
-OBJECT_SETTINGS: dict[str, tuple[float | None, dict[str, Any]]] = {
-    "mass": (None, _number(ulp(0.0), 1e12, "more than 0, in g")),
-    "density": (None, _number(ulp(0.0), 1e12, "more than 0, in g/px²")),
-    "friction": (0.5, _number(0, 10, "from 0 to 10")),
-    "elasticity": (0.5, _number(0, 1, "from 0 to 1")),
-}
-UNUSED = ("cat", "size", "display", "save_snapshot", "seed", "snapshot_dir", "prompt")
-"""Keys of that code's configuration that mean nothing here."""
-_COORDINATE = {"type": "number", "minimum": -1e9, "maximum": 1e9}
-_POINT = {"type": "array", "items": _COORDINATE, "minItems": 2, "maxItems": 2, "description": "[x, y]"}
-_ID = {"pattern": "^[1-9][0-9]{0,4}$", "description": "ids of mask.png"}
-_VECTORS = {"type": ["object", "null"], "propertyNames": _ID, "additionalProperties": _POINT}
-_EDGE = {"type": "array", "items": _POINT, "minItems": 2, "maxItems": 2, "description": "[[x, y], [x, y]]"}
-_OBJECT: dict[str, Any] = {
-    "type": "object",
-    "description": "`key: value`, one a line",
-    "properties": {
-        "primitive": {"enum": ["circle", "polygon"], "description": "circle or polygon"},
-        "label": {},
-        **{key: schema for key, (_, schema) in OBJECT_SETTINGS.items()},
-    },
-}
-SCHEMA: dict[str, Any] = {
-    "type": "object",
-    "required": ["obj_info"],
-    "properties": {
-        "obj_info": {
-            "type": "object",
-            "minProperties": 1,
-            "propertyNames": _ID,
-            "additionalProperties": _OBJECT,
-            "description": "`obj_info:` with an id of mask.png each",
-        },
-        "init_velocity": _VECTORS,
-        "init_acc": _VECTORS,
-        "edge_list": {"type": ["array", "null"], "items": _EDGE, "description": "[[[x, y], [x, y]], ...]"},
-        **{key: schema for key, (_, schema) in SETTINGS.items()},
-        **{key: {} for key in UNUSED},
-    },
-    "description": "`key: value`, one a line",
-}
-"""Of sim.yaml."""
+@cache
+def _schema() -> Schema:
+    """Of sim.yaml, with that code's defaults."""
+    return expand(json.loads(resource("schemas", "physgen-sim.schema.json").read_text(encoding="utf-8")))
 
 
 @dataclass(frozen=True)
@@ -117,8 +68,8 @@ class Body:
     """One entry of `obj_info`."""
 
     label: str
-    circle: bool
-    """A circle, else the polygon of its mask."""
+    primitive: str
+    """"circle", or "polygon": that of its mask."""
     mass: float
     """g, of circles."""
     density: float
@@ -130,6 +81,10 @@ class Body:
     """px/s."""
     push: Vector | None
     """`init_acc`, a change of velocity, px/s."""
+
+    @property
+    def circle(self) -> bool:
+        return self.primitive == "circle"
 
 
 @dataclass(frozen=True)
@@ -386,37 +341,35 @@ def _read_array(path: Path, shape: tuple[int, ...]) -> F32 | None:
 def read_sim(path: Path) -> Sim:
     """Raises InputError with every wrong line."""
     root = read(decode(path.read_bytes(), str(path)), Source(str(path), path.parent))
-    data = plain(root)
-    problems = [_fault(root, error) for error in Draft202012Validator(SCHEMA).iter_errors(data)]
-    problems += _unknown_keys(root, SCHEMA["properties"], "")
-    for key, node in children(root, "obj_info").items():
-        problems += _unknown_keys(node, _OBJECT["properties"], f"obj_info.{key}")
-    if not problems or all(problem.severity is Severity.WARNING for problem in problems):
-        problems += _contradictions(root, data)
+    data, known = plain(root), _schema()["properties"]
+    of_object = known["obj_info"]["additionalProperties"]["properties"]
+    problems = [_fault(root, error) for error in Draft202012Validator(_schema()).iter_errors(data)]
+    problems += _unknown_keys(root, known, "")
+    nodes = children(root, "obj_info")
+    for key, node in nodes.items():
+        problems += _unknown_keys(node, of_object, f"obj_info.{key}")
+    for key in ("init_velocity", "init_acc"):
+        for name, node in children(root, key).items():
+            if name not in nodes:
+                fix = f"it has {', '.join(nodes)}"
+                problems.append(Problem(node.place, f"{key}.{name}", name, "is not among obj_info", fix))
     if errors := [problem for problem in problems if problem.severity is Severity.ERROR]:
         raise InputError(errors)
-    velocity, push = (
-        {i: (x, y) for i, (x, y) in (data.get(key) or {}).items()} for key in ("init_velocity", "init_acc")
-    )
+    velocity, push = (data.get(key) or {} for key in ("init_velocity", "init_acc"))
     bodies = {}
-    for key, node in children(root, "obj_info").items():
-        entry = data["obj_info"][key]
-        label, circle = entry.get("label"), entry.get("primitive") == "circle"
-        numbers = _values(entry, OBJECT_SETTINGS, 1.0)
-        name = str("object" if label is None else label)[:200]
-        body = Body(
-            name, circle, place=node.key_place, velocity=velocity.get(key), push=push.get(key), **numbers
+    for key, node in nodes.items():
+        settings = _settings(data["obj_info"][key], of_object)
+        settings["label"] = str(settings["label"])[:200]
+        bodies[int(key)] = Body(
+            **settings, place=node.key_place, velocity=velocity.get(key), push=push.get(key)
         )
-        bodies[int(key)] = body
     edges = [((a[0], a[1]), (b[0], b[1])) for a, b in data.get("edge_list") or []]
-    return Sim(**_values(data, SETTINGS), bodies=bodies, edges=edges, warnings=tuple(problems))
+    return Sim(**_settings(data, known), bodies=bodies, edges=edges, warnings=tuple(problems))
 
 
-def _values(
-    entry: Mapping[str, Any], known: Mapping[str, tuple[float | None, Any]], missing: float | None = None
-) -> dict[str, Any]:
-    """The value of each known key, its default where the file has none."""
-    defaults = {key: missing if default is None else default for key, (default, _) in known.items()}
+def _settings(entry: Mapping[str, Any], known: Mapping[str, Schema]) -> dict[str, Any]:
+    """The value of each key that has a default, which stands for null, too."""
+    defaults = {key: part["default"] for key, part in known.items() if "default" in part}
     return {key: default if entry.get(key) is None else entry[key] for key, default in defaults.items()}
 
 
@@ -435,24 +388,8 @@ def _unknown_keys(node: Node, known: Mapping[str, Any], path: str) -> Iterator[P
     """An error for a misspelt key, a warning for an unknown one."""
     for key, child in children(node).items():
         if key not in known:
-            near = difflib.get_close_matches(key, known, 1, 0.75)
+            near = nearest(key, known)
             severity = Severity.ERROR if near else Severity.WARNING
-            fix = f"did you mean {near[0]}?" if near else "it is ignored"
+            fix = f"did you mean {near}?" if near else "it is ignored"
             where, expected = f"{path}.{key}" if path else key, "is not a key of sim.yaml"
             yield Problem(child.key_place, where, f'"{key}"', expected, fix, severity)
-
-
-def _contradictions(root: Node, data: Mapping[str, Any]) -> Iterator[Problem]:
-    """Velocities of no object, and objects without the number that their primitive needs."""
-    ids = data["obj_info"]
-    for key in ("init_velocity", "init_acc"):
-        for name, node in children(root, key).items():
-            if name not in ids:
-                fix = f"it has {', '.join(ids)}"
-                yield Problem(node.place, f"{key}.{name}", name, "is not among obj_info", fix)
-    for name, node in children(root, "obj_info").items():
-        circle = ids[name].get("primitive") == "circle"
-        needed, unit = ("mass", "g") if circle else ("density", "g/px²")
-        if ids[name].get(needed) is None:
-            expected = f"missing, and a {'circle' if circle else 'polygon'} needs it"
-            yield Problem(node.place, f"obj_info.{name}.{needed}", "", expected, f"write it in {unit}")

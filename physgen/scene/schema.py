@@ -27,7 +27,11 @@ def expanded() -> Schema:
 
     Shared and cached: read it, never change it.
     """
-    root = published()
+    return expand(published())
+
+
+def expand(root: Schema) -> Schema:
+    """A schema without $ref."""
     written = {key: value for key, value in root.items() if key != "$defs"}
     whole = _expand(written, root["$defs"])
     assert isinstance(whole, dict)

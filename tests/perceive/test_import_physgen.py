@@ -141,27 +141,15 @@ def test_only_three_files_are_needed(tmp_path: Path):
 @pytest.mark.parametrize(
     ("before", "after", "message"),
     [
-        (
-            "num_steps: 120",
-            "num_steps: many",
-            '4:12: num_steps: "many" is not what is read here; write a count',
-        ),
-        (
-            "num_steps: 120",
-            "num_step: 120",
-            '4:1: num_step: "num_step" is not a key of sim.yaml; did you mean num',
-        ),
-        (
-            "primitive: circle",
-            "primitive: sphere",
-            'obj_info.1.primitive: "sphere" is not what is read here; write circle or',
-        ),
-        ("mass: 170", "mass: ", "obj_info.1.mass: missing, and a circle needs it; write it in g"),
-        ("mass: 170", "mass: -1", "obj_info.1.mass: -1 is not what is read here; write more than 0, in g"),
+        ("num_steps: 120", "num_steps: many", '4:12: num_steps: "many" is not what is read here; write a count'),
+        ("num_steps: 120", "num_step: 120", '"num_step" is not a key of sim.yaml; did you mean num_steps?'),
+        ("primitive: circle", "primitive: sphere", '"sphere" is not what is read here; write circle or polygon'),
+        ("mass: 170", "mass: ", "obj_info.1.mass: an empty value is not what is read here; write a mass in g"),
+        ("mass: 170, ", "", "obj_info.1: a mapping is missing; write its mass, in g"),
+        ("mass: 170", "mass: -1", "obj_info.1.mass: -1 is not what is read here; write more than 0"),
         ("  2: [-50, 0]", "  4: [-50, 0]", "init_acc.4: 4 is not among obj_info; it has 1, 2"),
         ("[1, 95]]", "[1]]", "edge_list[1][1]: a list is not what is read here; write [x, y]"),
         ("  2: {label: toy", "  9: {label: toy", "obj_info.9: 9 has no pixel in mask.png"),
-        ("friction: 0.3", "fricton: 0.3", '"fricton" is not a key of sim.yaml; did you mean friction?'),
         ("obj_info:", "obj_info: 3\nother:", "obj_info: 3 is not what is read here"),
         ("cat: two", "cat: [", "not YAML"),
     ],
