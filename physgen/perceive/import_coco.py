@@ -63,11 +63,7 @@ def coco_photos(path: Path) -> list[CocoImage]:
 
 def read_coco(path: Path, image: Path | None = None) -> CocoImage:
     """The photo called as `image`, or the only one. Raises InputError: unreadable, no such photo, nothing annotated."""
-    if image is not None and not _lists(path)[1]:  # the results format: annotations of one photo alone
-        annotations, _, categories = _lists(path)
-        photos = [CocoImage(path.parent / image.name, tuple(annotations), categories)]
-    else:
-        photos = coco_photos(path)
+    photos = coco_photos(path)
     named = [photo for photo in photos if image is not None and photo.file.name == image.name]
     if not named and len(photos) > 1:
         wanted = f'"{image.name}"' if image is not None else f"{len(photos)} photos"
@@ -84,16 +80,12 @@ def read_coco(path: Path, image: Path | None = None) -> CocoImage:
 def _lists(path: Path) -> tuple[list[Mapping[str, Any]], list[Mapping[str, Any]], dict[str, str]]:
     """Annotations, images and categories' names of a COCO file. Raises InputError."""
     data = _read(path)
-    if isinstance(data, list):
-        data = {"annotations": data}
     if not isinstance(data, dict) or not isinstance(data.get("annotations"), list):
         raise InputError.of(str(path), "", "has no list of annotations", "give a COCO instances file")
-    lists: list[list[Mapping[str, Any]]] = []
-    for key in ("annotations", "images", "categories"):
-        if not isinstance(data.get(key) or [], list):
-            raise InputError.of(str(path), f'"{key}"', "is not a list", "export the file again")
-        lists.append([one for one in data.get(key) or [] if isinstance(one, dict)])
-    annotations, images, categories = lists
+    annotations, images, categories = (
+        [one for one in part if isinstance(one, dict)] if isinstance(part := data.get(key), list) else []
+        for key in ("annotations", "images", "categories")
+    )
     names = {str(one.get("id")): str(one.get("name", "")) for one in categories}
     return annotations, [one for one in images if "id" in one], names
 

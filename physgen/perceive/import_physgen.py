@@ -84,6 +84,7 @@ class Body:
 
     @property
     def circle(self) -> bool:
+        """Whether it is one."""
         return self.primitive == "circle"
 
 

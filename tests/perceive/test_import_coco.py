@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pycocotools import mask as coco
 
 from physgen.perceive.import_coco import (
     coco_objects,
@@ -29,28 +30,14 @@ def lengths(mask: np.ndarray) -> list[int]:
     return np.diff(np.concatenate([[0], ends])).tolist()
 
 
-def compressed(counts: list[int]) -> str:
-    """COCO's own rleToString, written from its description."""
-    text = ""
-    for i, count in enumerate(counts):
-        x = count - counts[i - 2] if i > 2 else count
-        while True:
-            c = x & 31
-            x >>= 5
-            more = x != (-1 if c & 16 else 0)
-            text += chr((c | 32 if more else c) + 48)
-            if not more:
-                break
-    return text
-
-
 def test_the_three_forms_mean_the_same():
     mask = square()
     counts = lengths(mask)
+    compressed = coco.frPyObjects({"size": [20, 30], "counts": counts}, 20, 30)
     polygon = [[10, 4, 25, 4, 25, 12, 10, 12]]
     assert np.array_equal(decode_segmentation(polygon, SIZE), mask)
     assert np.array_equal(decode_segmentation({"size": [20, 30], "counts": counts}, SIZE), mask)
-    assert np.array_equal(decode_segmentation({"size": [20, 30], "counts": compressed(counts)}, SIZE), mask)
+    assert np.array_equal(decode_segmentation(compressed, SIZE), mask)
 
 
 @pytest.mark.parametrize(

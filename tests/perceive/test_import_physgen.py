@@ -141,10 +141,22 @@ def test_only_three_files_are_needed(tmp_path: Path):
 @pytest.mark.parametrize(
     ("before", "after", "message"),
     [
-        ("num_steps: 120", "num_steps: many", '4:12: num_steps: "many" is not what is read here; write a count'),
+        (
+            "num_steps: 120",
+            "num_steps: many",
+            '4:12: num_steps: "many" is not what is read here; write a count',
+        ),
         ("num_steps: 120", "num_step: 120", '"num_step" is not a key of sim.yaml; did you mean num_steps?'),
-        ("primitive: circle", "primitive: sphere", '"sphere" is not what is read here; write circle or polygon'),
-        ("mass: 170", "mass: ", "obj_info.1.mass: an empty value is not what is read here; write a mass in g"),
+        (
+            "primitive: circle",
+            "primitive: sphere",
+            '"sphere" is not what is read here; write circle or polygon',
+        ),
+        (
+            "mass: 170",
+            "mass: ",
+            "obj_info.1.mass: an empty value is not what is read here; write a mass in g",
+        ),
         ("mass: 170, ", "", "obj_info.1: a mapping is missing; write its mass, in g"),
         ("mass: 170", "mass: -1", "obj_info.1.mass: -1 is not what is read here; write more than 0"),
         ("  2: [-50, 0]", "  4: [-50, 0]", "init_acc.4: 4 is not among obj_info; it has 1, 2"),

@@ -19,7 +19,6 @@ from physgen.perceive.segment.proposals import (
     outline,
     overlap,
     score_proposals,
-    variants,
 )
 from physgen.perceive.segment.regions import discs, stable_regions
 
@@ -101,9 +100,7 @@ def search_edges(rgb: NDArray[np.uint8]) -> EdgeSearch:
     proposals = distinct([one for one in regions if smallest <= one.area <= largest] + circles)
     scores = score_proposals(proposals, colour, gradient)
     chosen, final = select(proposals, scores, colour)
-    forms = [variants(proposal, shape) for proposal in chosen]
-    best = [form[int(score_proposals(form, colour, gradient).score.argmax())] for form in forms]
-    return EdgeSearch(shape, gradient, distinct(regions + circles), best, final)
+    return EdgeSearch(shape, gradient, distinct(regions + circles), chosen, final)
 
 
 def select(
