@@ -82,10 +82,11 @@ def _lists(path: Path) -> tuple[list[Mapping[str, Any]], list[Mapping[str, Any]]
     data = _read(path)
     if not isinstance(data, dict) or not isinstance(data.get("annotations"), list):
         raise InputError.of(str(path), "", "has no list of annotations", "give a COCO instances file")
-    annotations, images, categories = (
-        [one for one in part if isinstance(one, dict)] if isinstance(part := data.get(key), list) else []
-        for key in ("annotations", "images", "categories")
-    )
+    lists: list[list[Mapping[str, Any]]] = []
+    for key in ("annotations", "images", "categories"):
+        part = data.get(key)
+        lists.append([one for one in part if isinstance(one, dict)] if isinstance(part, list) else [])
+    annotations, images, categories = lists
     names = {str(one.get("id")): str(one.get("name", "")) for one in categories}
     return annotations, [one for one in images if "id" in one], names
 
