@@ -13,7 +13,7 @@ from physgen.perceive.segment.proposals import (
     cut_out,
     variants,
 )
-from physgen.perceive.segment.regions import discs, merge_tree
+from physgen.perceive.segment.regions import colour_tree, discs
 from physgen.perceive.segment.selection import best_set, exclusions, tighten
 
 
@@ -42,7 +42,7 @@ def test_the_gradient_of_a_step_lies_on_it_and_faces_across() -> None:
 def test_the_merge_tree_joins_the_most_alike_first() -> None:
     labels = np.repeat(np.arange(3, dtype=np.int32), 4)[None].repeat(6, 0)
     grey = np.array([0, 1, 9], np.float32)[labels]
-    tree = merge_tree(labels, np.stack([grey] * 3, -1), np.zeros(labels.shape, np.float32))
+    tree = colour_tree(labels, np.stack([grey] * 3, -1), np.zeros(labels.shape, np.float32))
     assert tree.parent.tolist() == [3, 3, 4, 4, -1]
     assert tree.height[3] < tree.height[4]
     first, last = tree.span[3]

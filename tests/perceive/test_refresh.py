@@ -190,12 +190,6 @@ def test_a_scale_that_motions_were_made_for_stays(scene: Path) -> None:
     assert after.world.pixels_per_meter == 100
 
 
-def test_a_label_for_nothing_is_refused(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = str(scene.with_name("again.yaml"))
-    assert main(["perceive", "--refresh", str(scene), "--label", "bal-1=steel ball", "-o", out]) == 2
-    assert "did you mean ball-1?" in capsys.readouterr().err
-
-
 def test_a_refreshed_scene_needs_a_place(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = {path.name: path.read_bytes() for path in scene.parent.rglob("*") if path.is_file()}
     assert main(["perceive", "--refresh", str(scene)]) == 2
@@ -272,11 +266,3 @@ def test_another_view_brings_what_holds_things_in_it_and_keeps_walls_set_by_hand
     again, _ = refreshed(scene)
     assert again.boundaries == after.boundaries
     assert again.world == after.world
-
-
-def test_comments_stay_where_what_they_tell_of_is_as_it_was(scene: Path) -> None:
-    refreshed(scene)
-    text = scene.with_name("again.yaml").read_text()
-    assert "to set an object going" in text
-    assert "side or top:" in text
-    assert "the photo's bottom" in text

@@ -19,10 +19,11 @@ from physgen.perceive.segment.proposals import Mask, Proposal, cut_out, distinct
 from physgen.perceive.segment.regions import (
     EDGE_CAP,
     MergeTree,
-    affinity_tree,
     basins,
+    edge_borders,
     merge_tree,
     node_region,
+    pair_borders,
     rank_boxes,
 )
 from physgen.perceive.segment.selection import WIDEST_AREAS, search_edges
@@ -247,8 +248,8 @@ def grouped(seen: NetworkMaps) -> Groups:
         if max(down, abs(right)) <= CANDIDATES.joining:
             here = slice(0, height - down), slice(max(-right, 0), width - max(right, 0))
             there = slice(down, height), slice(max(right, 0), width + min(right, 0))
-            pairs.append((here, there, affinity[here]))
-    tree = affinity_tree(labels, kept, pairs)
+            pairs.append((here, there, 1 - affinity[here]))
+    tree = merge_tree(pair_borders(labels, pairs, kept), stale=0)
     sizes = np.concatenate([[0], np.cumsum(areas[np.argsort(tree.rank)])])
     grounds = np.zeros(len(tree.parent), bool)
     grounds[:count] = ~kept
@@ -299,8 +300,7 @@ def _joined(
         return []
     # the background is one region that is never joined
     names = np.where(kept, np.cumsum(kept) - int(kept.all()), 0)[labels].astype(np.int32)
-    nothing = np.zeros((*names.shape, 3), np.float32)
-    tree = merge_tree(names, nothing, np.where(kept.all() | (names > 0), edge, np.float32(EDGE_CAP)))
+    tree = merge_tree(edge_borders(names, np.where(kept.all() | (names > 0), edge, np.float32(EDGE_CAP))))
     ranks = tree.rank[names]
     ground = int(tree.rank[0]) if not kept.all() else -1
     boxes = rank_boxes(ranks, len(tree.rank))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -130,7 +131,6 @@ def _across_rim(gradient: Gradient, circles: Circles, factor: NDArray[np.float64
     return gradient.across(x, y, ANGLES)
 
 
-Slices = tuple[slice, slice]
 COLOUR_WEIGHT = 0.25
 """Weight of the difference of mean colour against the gradient along the boundary; chosen on photos."""
 STALE = 0.05
@@ -173,20 +173,27 @@ class MergeTree:
     """(basins,): the place of each basin in the tree's order."""
 
 
+Borders = list[dict[int, tuple[int, float]]]
+"""For each basin its neighbours: how many pairs of pixels lie across the border, and their differences summed."""
+
+
 def merge_tree(
-    labels: NDArray[np.int32], colour: NDArray[np.float32], edge: NDArray[np.float32]
+    borders: Borders,
+    areas: NDArray[np.int64] | None = None,
+    means: NDArray[np.float64] | None = None,
+    stale: float = STALE,
 ) -> MergeTree:
-    """The tree of basins `labels` (H, W) by the mean edge strength of their boundary and their mean colour."""
-    count = int(labels.max()) + 1
-    areas = np.bincount(labels.ravel())
-    means = np.stack([np.bincount(labels.ravel(), colour[..., c].ravel()) / areas for c in range(3)], 1)
-    area, mean = areas.tolist(), list(means)
-    beside = _boundaries(labels, np.minimum(edge, EDGE_CAP))
-    owner, node = (
-        list(range(count)),
-        list(range(count)),
-    )  # a region keeps its number while others are merged into it
-    height, parent, children = [0.0] * count, [-1] * count, {}
+    """The tree of basins by the mean difference along their borders (greedy additive clustering, as in Keuper et al.
+    2015), and, where they are given, by their mean colours (basins, 3), weighted by `areas` (basins,), px.
+
+    `borders` is used up. `stale`: see `STALE`.
+    """
+    count, beside = len(borders), borders
+    area = [] if areas is None else areas.tolist()
+    mean = [] if means is None else list(means)
+    owner, node = list(range(count)), list(range(count))  # a region keeps its number while others join it
+    height, parent = [0.0] * count, [-1] * count
+    children: dict[int, tuple[int, int]] = {}
 
     def whole(region: int) -> int:
         while owner[region] != region:
@@ -195,6 +202,8 @@ def merge_tree(
 
     def difference(a: int, b: int) -> float:
         length, total = beside[a][b]
+        if not mean:
+            return total / length
         step = mean[a] - mean[b]
         return total / length + COLOUR_WEIGHT * min(EDGE_CAP, float(np.sqrt(step @ step)))
 
@@ -206,7 +215,7 @@ def merge_tree(
         if a == b:
             continue
         now = difference(a, b)
-        if now > cost + STALE:
+        if now > cost + stale:
             heapq.heappush(queue, (now, a, b))
             continue
         if len(beside[a]) < len(beside[b]):
@@ -217,8 +226,9 @@ def merge_tree(
         parent[node[a]] = parent[node[b]] = new
         parent.append(-1)
         owner[b], node[a] = a, new
-        mean[a] = (mean[a] * area[a] + mean[b] * area[b]) / (area[a] + area[b])
-        area[a] += area[b]
+        if mean:
+            mean[a] = (mean[a] * area[a] + mean[b] * area[b]) / (area[a] + area[b])
+            area[a] += area[b]
         for other, (length, total) in beside[b].items():
             del beside[other][b]
             if other != a:
@@ -228,72 +238,44 @@ def merge_tree(
     return MergeTree(np.array(height), np.array(parent), *_spans(parent, children, count))
 
 
-def affinity_tree(
-    labels: NDArray[np.int32],
-    kept: NDArray[np.bool_],
-    pairs: Sequence[tuple[Slices, Slices, NDArray[np.float32]]],
+def colour_tree(
+    labels: NDArray[np.int32], colour: NDArray[np.float32], edge: NDArray[np.float32]
 ) -> MergeTree:
-    """The tree of basins `labels` (H, W) by one minus the mean affinity of the pixel pairs across their boundary
-    (greedy additive clustering, as in Keuper et al. 2015); basins that are not `kept` (basins,) stay alone.
-    Pairs are slices of the map and the affinities of their pixels."""
+    """The tree of basins `labels` (H, W) by the mean edge strength along their borders and their mean colour."""
+    areas = np.bincount(labels.ravel())
+    means = np.stack([np.bincount(labels.ravel(), colour[..., c].ravel()) / areas for c in range(3)], 1)
+    return merge_tree(edge_borders(labels, edge), areas, means)
+
+
+def edge_borders(labels: NDArray[np.int32], edge: NDArray[np.float32]) -> Borders:
+    """Borders of basins `labels` (H, W) with the edge strength along them, up to EDGE_CAP."""
+    strength = np.minimum(edge, EDGE_CAP)
+    sides = ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:]))
+    pairs = [(here, there, np.maximum(strength[here], strength[there])) for here, there in sides]
+    return pair_borders(labels, pairs)
+
+
+def pair_borders(
+    labels: NDArray[np.int32],
+    pairs: Sequence[tuple[Any, Any, NDArray[np.float32]]],
+    kept: NDArray[np.bool_] | None = None,
+) -> Borders:
+    """Borders of basins `labels` (H, W) from the differences of pairs of pixels, each two slices of the map and the
+    differences; basins that are not `kept` (basins,) have none."""
     count = int(labels.max()) + 1
     keys, values = [np.zeros(0, np.int64)], [np.zeros(0, np.float32)]
-    for here, there, affinity in pairs:
+    for here, there, difference in pairs:
         ours, theirs = labels[here].astype(np.int64), labels[there].astype(np.int64)
-        across = (ours != theirs) & kept[ours] & kept[theirs]
+        across = ours != theirs
+        if kept is not None:
+            across &= kept[ours] & kept[theirs]
         keys.append(np.minimum(ours, theirs)[across] * count + np.maximum(ours, theirs)[across])
-        values.append(affinity[across])
+        values.append(difference[across])
     unique, inverse = np.unique(np.concatenate(keys), return_inverse=True)
-    sums, lengths = np.bincount(inverse, np.concatenate(values)), np.bincount(inverse)
-    beside: list[dict[int, tuple[float, int]]] = [{} for _ in range(count)]
-    for key, total, length in zip(unique.tolist(), sums.tolist(), lengths.tolist(), strict=True):
+    lengths, totals = np.bincount(inverse), np.bincount(inverse, np.concatenate(values))
+    beside: Borders = [{} for _ in range(count)]
+    for key, length, total in zip(unique.tolist(), lengths.tolist(), totals.tolist(), strict=True):
         a, b = divmod(key, count)
-        beside[a][b] = beside[b][a] = (total, length)
-    node, version, alive = list(range(count)), [0] * count, [True] * count
-    height, parent = [0.0] * count, [-1] * count
-    children: dict[int, tuple[int, int]] = {}
-
-    def queued(a: int, b: int) -> tuple[float, int, int, int, int]:
-        total, length = beside[a][b]
-        return 1 - total / length, a, b, version[a], version[b]
-
-    queue = [queued(a, b) for a in range(count) for b in beside[a] if a < b]
-    heapq.heapify(queue)
-    while queue:
-        cost, a, b, of_a, of_b = heapq.heappop(queue)
-        if not (alive[a] and alive[b]) or version[a] != of_a or version[b] != of_b:
-            continue
-        new = len(parent)
-        children[new] = node[a], node[b]
-        height.append(max(cost, height[node[a]], height[node[b]]))
-        parent[node[a]] = parent[node[b]] = new
-        parent.append(-1)
-        alive[b], node[a] = False, new
-        version[a] += 1
-        del beside[a][b], beside[b][a]
-        for other, (total, length) in beside[b].items():
-            del beside[other][b]
-            before = beside[a].get(other, (0.0, 0))
-            beside[a][other] = beside[other][a] = before[0] + total, before[1] + length
-        for other in beside[a]:
-            heapq.heappush(queue, queued(a, other))
-    return MergeTree(np.array(height), np.array(parent), *_spans(parent, children, count))
-
-
-def _boundaries(labels: NDArray[np.int32], edge: NDArray[np.float32]) -> list[dict[int, tuple[int, float]]]:
-    """For each basin its neighbours, the length of the common boundary (px) and the edge strength summed along."""
-    count = int(labels.max()) + 1
-    keys, strengths = [], []
-    for here, there in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
-        a, b = labels[here], labels[there]
-        border = a != b
-        keys.append((np.minimum(a, b).astype(np.int64) * count + np.maximum(a, b))[border])
-        strengths.append(np.maximum(edge[here], edge[there])[border])
-    pairs, inverse = np.unique(np.concatenate(keys), return_inverse=True)
-    lengths, totals = np.bincount(inverse), np.bincount(inverse, np.concatenate(strengths))
-    beside: list[dict[int, tuple[int, float]]] = [{} for _ in range(count)]
-    for pair, length, total in zip(pairs.tolist(), lengths.tolist(), totals.tolist(), strict=True):
-        a, b = divmod(pair, count)
         beside[a][b] = beside[b][a] = (length, total)
     return beside
 
@@ -320,7 +302,7 @@ def stable_regions(
 ) -> list[Proposal]:
     """Every node of the merge tree of an area within bounds (px) that outlives a rise of the threshold."""
     labels = basins(np.maximum(cv2.GaussianBlur(gradient.strength, (0, 0), 0.8), gradient.noise))
-    tree = merge_tree(labels, colour, gradient.strength)
+    tree = colour_tree(labels, colour, gradient.strength)
     ranks = tree.rank[labels]
     by_rank = np.argsort(tree.rank)
     area = np.concatenate([[0], np.cumsum(np.bincount(labels.ravel())[by_rank])])
