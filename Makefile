@@ -1,7 +1,7 @@
 # make demo: install, perceive and render the bundled photos, print the gallery's path
 # make test: install what tests need, lint, type-check, run the tests that are not slow
 # make test-slow: the slow tests alone
-# make train: draw and render pictures, train the network that finds objects and export it; 100 minutes on two cores; needs PHYSGEN_MATERIAL
+# make train: draw and render pictures, train the networks that find and name objects and export them; 100 minutes on two cores; needs PHYSGEN_MATERIAL
 # make studio: render the bundled photos and their truth again, from scratch, into out/studio, and compare; hours, and LLVM
 PYTHON ?= python3
 BIN = .venv/bin
@@ -46,6 +46,7 @@ train: .venv/.studio
 	$(BIN)/python $(SEG)/coco.py -o out/segmentation/coco
 	$(BIN)/python $(SEG)/train.py out/segmentation/drawn=0.25 out/segmentation/homes-store=0.3 out/segmentation/coco=0.45 --steps 3200 -o out/segmentation
 	$(BIN)/python $(SEG)/export.py out/segmentation/weights.pt
+	$(BIN)/python $(SEG)/names.py -o out/segmentation/names
 
 .venv/.python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "physgen needs Python 3.11 or newer: make PYTHON=python3.12"; exit 1; }

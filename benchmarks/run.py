@@ -61,7 +61,7 @@ from prompts import prompts
 from refine import refining
 from scale import PAGE
 from scale import page as scale_page
-from segments import segmentation
+from segments import names, segmentation
 from tables import RESULTS, fidelity_page, page, physics_page, plausibility_page
 
 from physgen import pipeline
@@ -240,7 +240,14 @@ def encoder(folder: Path) -> list[dict]:
     return presets(ROOT / "scenes" / "billiards" / "scene.yaml")
 
 
-PARTS = {"render": render, "start": start, "check": check, "segmentation": segmentation, "physics": physics}
+PARTS = {
+    "render": render,
+    "start": start,
+    "check": check,
+    "segmentation": segmentation,
+    "names": names,
+    "physics": physics,
+}
 PARTS |= {"rivals": rivals, "growth": growth, "fidelity": frames_against_truth, "shadows": shadows}
 PARTS |= {"frames": frame_costs, "encoder": encoder}
 PARTS |= {"device": device, "prompts": prompts, "perceive": perceiving, "percepts": percepts}

@@ -80,6 +80,7 @@ def page() -> str:
         ("kills", kills_table),
         ("growth", _growth),
         ("segmentation", _segmentation),
+        ("names", _names),
         ("prompts", _prompts),
         ("perceive", _perceive),
         ("percepts", _percepts),
@@ -439,6 +440,36 @@ def _refine(rows: list[dict]) -> list[str]:
         f"{wide} x {high} px in 25 steps: {ours['cpu']:.1f} s of one core.",
         "",
         *_table(["backend", "guidance", "photo", "again", "another seed", "CPU s"], body),
+    ]
+
+
+def _names(rows: list[dict]) -> list[str]:
+    body = [
+        [
+            row["by"], *(f"{row[key]:.2f}" for key in ("first", "three", "first_of_all", "three_of_all")),
+            row["sure"], f"{row['sure_right']:.2f}", f"{row['cpu']:.2f}" if "cpu" in row else "-",
+        ]
+        for row in rows
+    ]  # fmt: skip
+    heads = [
+        "by",
+        "first",
+        "of three",
+        "first, all",
+        "of three, all",
+        "sure labels",
+        "right",
+        "CPU s, 16 objects",
+    ]
+    return [
+        "## Naming objects",
+        "",
+        f"True masks of COCO's validation photos: {rows[0]['objects']} objects of 1 % of the photo or more,",
+        f"{rows[0]['known']} of them of classes that ImageNet has; the share named rightly first and among three.",
+        "Sure: labels that are written, of objects of any size, but for people's;",
+        "see [how](segmentation-model.md#names).",
+        "",
+        *_table(heads, body),
     ]
 
 

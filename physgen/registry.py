@@ -141,6 +141,8 @@ BACKENDS: tuple[Backend, ...] = (
             "SAM 3 masks of every instance of the given nouns.", uses=("categories",),
             weights=(Weights("facebook/sam3", "3.4 GB", "SAM licence", "ask for access on its hub page"),),
             **_TRANSFORMERS),
+    Backend("label", "imagenet", f"{_PERCEIVE}.label_imagenet:imagenet",
+            "A small network's name where it is sure, else as shape."),
     Backend("label", "shape", f"{_PERCEIVE}.label_shape:shape",
             "ball, block, bottle, cup or object, by the outline alone."),
     Backend("label", "vlm", f"{_PERCEIVE}.vlm:label",

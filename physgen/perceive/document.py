@@ -171,7 +171,7 @@ def object_entries(
         at = f"objects.{name}"
         sources = {"mask": _mask_source(found, item.id)}
         if label_sources[item.id]:
-            sources["label"] = provenance(label_sources[item.id], labels[item.id].confidence)
+            sources["label"] = label_provenance(labels[item.id], label_sources[item.id])
         sources["mass"] = provenance(table, its.confidence)
         sources["friction"] = provenance(table, 0.5 * its.confidence + 0.2)
         sources["elasticity"] = sources["friction"]
@@ -226,6 +226,16 @@ def provenance(source: str, confidence: float) -> str:
     'table 0.4'
     """
     return f"{source} {round(confidence, 2):g}"
+
+
+def label_provenance(name: Name, backend: str) -> str:
+    """The source of a label, what else the object may be, and the label's confidence, as `from` has it.
+
+    >>> label_provenance(Name("mug", 0.81, (("pitcher", 0.12), ("cup", 0.05))), "imagenet")
+    'imagenet (or pitcher 0.12, cup 0.05) 0.81'
+    """
+    others = ", ".join(f"{label} {chance:g}" for label, chance in name.likely)
+    return provenance((name.source or backend) + (f" (or {others})" if others else ""), name.confidence)
 
 
 def light_entry(light: DistantLight) -> dict[str, Any]:

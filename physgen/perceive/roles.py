@@ -44,6 +44,10 @@ class Name:
 
     label: str
     confidence: float
+    likely: tuple[tuple[str, float], ...] = ()
+    """Other labels that it may have, with their probabilities, the likeliest first."""
+    source: str = ""
+    """For `from`; `""`: the backend's name."""
 
 
 @dataclass(frozen=True)

@@ -213,7 +213,7 @@ def _photo_doubts(
 
 def _is_living(name: Name) -> bool:
     """Whether the likeliest names are more often people's or animals' than not."""
-    chances = {name.label: name.confidence, **dict(getattr(name, "likely", ()))}
+    chances = {name.label: name.confidence, **dict(name.likely)}
     words = {text: text.lower().split() for text in chances}
     living = [chances[t] for t, w in words.items() if w and w[-1] in LIVING and not TOYS & set(w)]
     return bool(living) and sum(living) >= 0.5 * sum(chances.values())

@@ -1,0 +1,155 @@
+"""Backend label=imagenet: names by a small network where it is sure, else by shape.
+
+The network is EfficientNet-Lite0 with its ImageNet weights. It sees a crop of each object with the background dimmed.
+The probabilities of its 1,000 classes are added up by labels of the material table, and a logistic regression on its
+features adds classes of household photos that ImageNet lacks. `studio/segmentation/names.py` writes both files; OpenCV
+runs the network.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+import cv2
+import numpy as np
+
+from physgen.perceive.backends.label_shape import shape
+from physgen.perceive.roles import F32, Label, Labels, Mask, Name, PhotoObject, Rgb
+
+LOCK = Lock()
+NETWORK, HEADS = "names.onnx", "names.npz"
+
+
+@dataclass(frozen=True)
+class CropConstants:
+    """How an object is shown to the network."""
+
+    side: int = 224
+    """px, the network's own size."""
+    margin: float = 0.1
+    """Of the object's longer side, around it."""
+    dim: float = 0.35
+    """Contrast of the background: surroundings help, neighbours confuse."""
+    middle: float = 127.0
+    """8-bit code that the dimmed background tends to; the network's input is (code - middle) / spread."""
+    spread: float = 128.0
+    least: int = 200
+    """px: smaller objects are named by shape."""
+    likely: int = 3
+    """Names that are kept beside the label."""
+    floor: float = 0.01
+    """Probability below which they are not."""
+
+
+CROP = CropConstants()
+
+
+@dataclass(frozen=True, eq=False)
+class Heads:
+    """From (1280,) features to L labels, and "no label" after them."""
+
+    labels: tuple[str, ...]
+    group: Any
+    """(1000,) label of each ImageNet class, L where the material table has none."""
+    weights: F32
+    """(1000, 1280) ImageNet's classifier."""
+    bias: F32
+    trust: float
+    """Power to which ImageNet's probabilities are raised."""
+    own: F32
+    """(L + 1, 1280) log odds per feature that the regression adds."""
+    shift: F32
+    """(L + 1,) the same without features."""
+    sure: float
+    """Mean probability from which a label is written."""
+
+    def chances(self, features: F32) -> tuple[F32, F32]:
+        """(N, 1280) features -> (N, L + 1) probabilities, and (N,) those of the likeliest labels.
+
+        The latter are means with ImageNet's own: the regression knows few classes, and takes a can for a cup.
+        """
+        plain = np.zeros((len(features), len(self.labels) + 1), np.float32)
+        np.add.at(plain.T, self.group, _softmax(features @ self.weights.T + self.bias).T)
+        learned = _softmax(self.trust * np.log(plain + 1e-4) + features @ self.own.T + self.shift)
+        best = np.arange(len(features)), learned[:, :-1].argmax(1)
+        return learned, np.asarray((learned[best] + plain[best]) / 2, np.float32)
+
+
+def imagenet() -> Label:
+    """The backend `imagenet`."""
+    return _imagenet
+
+
+def _imagenet(rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]) -> Mapping[int, Name]:
+    names = {i: replace(name, source="shape") for i, name in shape()(rgb, labels, objects).items()}
+    large = [item.id for item in objects if np.count_nonzero(labels == item.id) >= CROP.least]
+    if not large:
+        return names
+    head = heads()
+    seen = head.chances(np.stack([features(crop(rgb, labels == i)) for i in large]))
+    for i, chances, sureness in zip(large, *seen, strict=True):
+        best = np.argsort(-chances[:-1])[: CROP.likely + 1]
+        likely = [(head.labels[k], round(float(chances[k]), 2)) for k in best if chances[k] >= CROP.floor]
+        if sureness >= head.sure:
+            names[i] = Name(likely[0][0], round(float(sureness), 2), tuple(likely[1:]), "imagenet")
+        else:
+            names[i] = replace(names[i], likely=tuple(likely[: CROP.likely]))
+    return names
+
+
+def crop(rgb: Rgb, mask: Mask) -> F32:
+    """(side, side, 3) 8-bit codes: the object in the middle, upright and undistorted, its background dimmed."""
+    x, y, w, h = cv2.boundingRect(mask.astype(np.uint8))
+    whole = max(w, h) * (1 + 2 * CROP.margin)
+    left, top = max(int(x + w / 2 - whole / 2), 0), max(int(y + h / 2 - whole / 2), 0)
+    part = np.s_[top : int(y + h / 2 + whole / 2) + 2, left : int(x + w / 2 + whole / 2) + 2]
+    inside = mask[part].astype(np.float32)
+    scale = CROP.side / whole
+    soft = np.maximum(cv2.GaussianBlur(inside, (0, 0), max(1.0, 1 / scale)), inside)[..., None]
+    middle = np.float32(CROP.middle)
+    shown = middle + (rgb[part] - middle) * (CROP.dim + (1 - CROP.dim) * soft)
+    size = max(round(shown.shape[1] * scale), 1), max(round(shown.shape[0] * scale), 1)
+    small = cv2.resize(shown, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
+    centre = (x + w / 2 - left) * scale, (y + h / 2 - top) * scale
+    move = np.array([[1, 0, CROP.side / 2 - centre[0]], [0, 1, CROP.side / 2 - centre[1]]])
+    square = cv2.warpAffine(small, move, (CROP.side, CROP.side), borderValue=(CROP.middle,) * 3)
+    return np.asarray(square, np.float32)
+
+
+def features(shown: F32) -> F32:
+    """(1280,) of a crop (side, side, 3)."""
+    blob = ((shown - np.float32(CROP.middle)) / np.float32(CROP.spread)).transpose(2, 0, 1)[None]
+    network = _network()
+    with LOCK:  # a net holds state between the calls
+        network.setInput(np.ascontiguousarray(blob))
+        return np.array(network.forward()[0], np.float32)
+
+
+@cache
+def heads() -> Heads:
+    """The shipped heads; weights are stored in 8 bits, with a scale for each row."""
+    with np.load(Path(__file__).with_name(HEADS)) as stored:
+        label = tuple(map(str, stored["labels"]))
+        own = np.zeros((len(label) + 1, stored["own"].shape[1]), np.float32)
+        own[stored["own_rows"]] = stored["own"] * stored["own_scale"][:, None]
+        weights = stored["weights"] * stored["scale"][:, None]
+        return Heads(
+            label, stored["group"], weights, stored["bias"], float(stored["trust"]), own, stored["shift"],
+            float(stored["sure"]),
+        )  # fmt: skip
+
+
+def _softmax(logits: F32) -> F32:
+    """(N, K) -> (N, K) probabilities."""
+    powers = np.exp(logits - logits.max(1, keepdims=True))
+    return np.asarray(powers / powers.sum(1, keepdims=True), np.float32)
+
+
+@cache
+def _network() -> cv2.dnn.Net:
+    return cv2.dnn.readNetFromONNX(str(Path(__file__).with_name(NETWORK)))

