@@ -28,8 +28,10 @@ SCENE = ROOT / "scenes/wall-ball"
 @pytest.fixture(scope="module")
 def photo() -> tuple[np.ndarray, np.ndarray]:
     """Two tennis balls before a wall."""
-    rgb = cv2.imread(str(SCENE / "photo.png"))[..., ::-1]
-    return np.ascontiguousarray(rgb), cv2.imread(str(SCENE / "photo.assets/masks.png"), cv2.IMREAD_UNCHANGED)
+    part = np.s_[170:490, 20:190]
+    rgb = cv2.imread(str(SCENE / "photo.png"))[part][..., ::-1]
+    labels = cv2.imread(str(SCENE / "photo.assets/masks.png"), cv2.IMREAD_UNCHANGED)[part]
+    return np.ascontiguousarray(rgb), np.ascontiguousarray(labels)
 
 
 @pytest.fixture(scope="module")
