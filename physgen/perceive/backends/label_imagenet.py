@@ -17,6 +17,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from physgen.perceive.backends.label_shape import shape
 from physgen.perceive.roles import F32, Label, Labels, Mask, Name, PhotoObject, Rgb
@@ -144,7 +145,7 @@ def heads() -> Heads:
         )  # fmt: skip
 
 
-def _softmax(logits: F32) -> F32:
+def _softmax(logits: NDArray[Any]) -> F32:
     """(N, K) -> (N, K) probabilities."""
     powers = np.exp(logits - logits.max(1, keepdims=True))
     return np.asarray(powers / powers.sum(1, keepdims=True), np.float32)
