@@ -15,7 +15,7 @@ from pathlib import Path
 from physics import ROWS
 from physics.scorecard import DRAWS, STEPS, choose, evaluate, findings
 
-from physgen.cli.measures.output import show
+from physgen.cli.evaluate import show
 from physgen.problems import InputError
 
 

@@ -1,44 +1,541 @@
-"""`physgen evaluate`: the measures, each with its flags and its handler in `physgen.cli.measures`."""
+"""`evaluate`: the measures, each with its flags and its handler."""
 
 from __future__ import annotations
 
 import argparse
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-from physgen.cli.arguments import Parser
-from physgen.cli.measures import (
-    controllability,
-    fid,
-    fidelity,
-    leaderboard,
-    plausibility,
-    properties,
-    runtime,
-    segmentation,
-    study,
+from physgen.cli.arguments import (
+    Command,
+    Parser,
+    among,
+    count,
+    part,
+    positive,
+    seed,
+    some_names,
+    speeds,
+    turns,
+    whole,
 )
+from physgen.cli.output import (
+    FAILED,
+    OK,
+    Bar,
+    print_backup,
+    print_error,
+    print_json,
+    print_problem,
+    print_problems,
+)
+from physgen.problems import InputError, Problem
 
-MEASURES = {
-    "fidelity": fidelity,
-    "segmentation": segmentation,
-    "plausibility": plausibility,
-    "fid": fid,
-    "properties": properties,
-    "controllability": controllability,
-    "runtime": runtime,
-    "study": study,
-    "leaderboard": leaderboard,
-}
-"""Modules with ABOUT, EXAMPLE, `add(parser)` and `run(options)`."""
+if TYPE_CHECKING:
+    from physgen.evaluate.measure import Findings
+
+QUESTIONS = ("gravity", "momentum", "energy", "overlap", "jumps", "starts", "speeding")
+"""Of plausibility."""
+
+
+def add_output(parser: Parser, what: str = "write a page with plots in this folder") -> None:
+    """The flag `-o`."""
+    parser.add_argument("-o", "--output", metavar="DIR", type=Path, help=what)
+
+
+def show(findings: Findings, options: argparse.Namespace) -> int:
+    """Print the result; 1 where a bar is missed."""
+    from physgen.evaluate.measure import as_json, markdown, text
+
+    write = as_json if options.json else markdown if options.markdown else text
+    sys.stdout.write(write(findings))
+    return OK if findings.passed else FAILED
+
+
+def hand_over(findings: Findings, options: argparse.Namespace) -> int:
+    """Print the result, and write its page where `-o` is given; 1 where a bar is missed."""
+    code = show(findings, options)
+    if options.output:
+        from physgen.evaluate.measure import write_page
+
+        page = write_page(findings, options.output, options.command_line, print_backup)
+        print_error(f"the page: {page}")
+    return code
+
+
+# ---- fidelity -----------------------------------------------------------------------------------------------------
+
+
+def add_fidelity(parser: Parser) -> None:
+    truth = "studio/truth"
+    parser.option("--truth", "DIR", Path, f"the studio's truth; default: {truth}", Path(truth))
+    parser.option("--scenes", "LIST", some_names, "some scenes, e.g. curling,shelf", [])
+    add_output(parser, "write a page with strips of frames in this folder")
+
+
+def run_fidelity(options: argparse.Namespace) -> int:
+    from physgen.evaluate import fidelity
+    from physgen.evaluate.measure import Section, check_folder
+
+    check_folder(options.output, plots=True)
+    bar = Bar()
+    result = fidelity.evaluate(options.truth, options.scenes, bar.show)
+    found = fidelity.findings(result)
+    if options.output:
+        sheets = tuple(fidelity.strips(fidelity.truths(options.truth, options.scenes)))
+        found = replace(found, sections=(*found.sections, Section("Frames", (), sheets)))
+    bar.clear()
+    return hand_over(found, options)
+
+
+# ---- segmentation -------------------------------------------------------------------------------------------------
+
+
+def add_segmentation(parser: Parser) -> None:
+    about = (
+        "photos with label maps: NAME.png and NAME.labels.png, or folders of photo.png and photo.assets/masks.png; or "
+        "a COCO file (*.json) with its photos"
+    )
+    parser.add_argument("folder", metavar="FOLDER", type=Path, help=about)
+    parser.option("--backend", "ROLE=NAME", str, "what segments: segment=NAME", [], action="append")
+    add_output(parser, "write a page with plots, and the result as JSON, in this folder")
+    parser.option("--precision", "BAR", part, "least for the share of detections that are right, 0 to 1")
+    parser.option("--recall", "BAR", part, "least for the share of true objects that are found, 0 to 1")
+    parser.option("--iou", "BAR", part, "least for the mean overlap of matches, 0 to 1")
+
+
+def run_segmentation(options: argparse.Namespace) -> int:
+    from physgen.evaluate.measure import check_folder
+    from physgen.evaluate.segmentation import BARS, evaluate, findings, illustrated, pairs
+    from physgen.registry import Backends, Plan, choices
+
+    chosen = choices(options.backend)
+    if set(chosen) - {"segment"}:
+        role = f'"{", ".join(sorted(set(chosen) - {"segment"}))}"'
+        raise InputError.of("--backend", role, "has no part in this", "write segment=NAME")
+    bars = {name: bar for name in BARS if (bar := getattr(options, name)) is not None}
+    found, warnings = pairs(options.folder)
+    print_problems(warnings)
+    check_folder(options.output, plots=True)
+    bar = Bar()
+    segment = Backends(Plan(chosen)).get("segment")
+    result = evaluate(found, segment, progress=bar.show)
+    bar.clear()
+    report = findings(result, bars)
+    return hand_over(illustrated(report, result) if options.output else report, options)
+
+
+# ---- plausibility -------------------------------------------------------------------------------------------------
+
+
+def add_plausibility(parser: Parser) -> None:
+    about = (
+        "clips that physgen rendered, a scene file, or tracks of any video: a CSV of frame,name,x,y[,radius], or a "
+        "folder of PNG masks"
+    )
+    parser.add_argument("clips", metavar="CLIP", nargs="+", type=Path, help=about)
+    parser.option("--fps", "N", positive, "frames a second of tracks that do not say it; default: 30")
+    about = "of tracks that do not say it; default: side"
+    parser.add_argument("--view", choices=("side", "top"), default="side", help=about)
+    about = "a body on a rope or in a hand: only jumps and overlap are asked"
+    parser.option("--held", "NAME", str, about, [], action="append")
+    about = f"questions to leave out, of {','.join(QUESTIONS)}: overlap, where bodies pass before each other"
+    parser.option("--skip", "LIST", among(QUESTIONS), about, [])
+    add_output(parser)
+
+
+def run_plausibility(options: argparse.Namespace) -> int:
+    from physgen.evaluate.measure import check_folder
+    from physgen.evaluate.plausibility.judge import Verdict, findings, judge
+    from physgen.evaluate.plausibility.tracks import read
+    from physgen.scene.scene import View
+
+    check_folder(options.output, plots=True)
+    bar = Bar()
+    verdicts: list[Verdict] = []
+    for path in options.clips:
+        for tracks in read(path, options.fps, View(options.view)):
+            bar.show(tracks.name, len(verdicts), len(verdicts) + 1)
+            verdicts.append(judge(tracks.holding(options.held), options.skip))
+    bar.clear()
+    return hand_over(findings(verdicts, plots=options.output is not None), options)
+
+
+# ---- fid ----------------------------------------------------------------------------------------------------------
+
+
+def method(text: str) -> tuple[str, Path]:
+    """`NAME=DIR`."""
+    name, sign, path = text.partition("=")
+    if not (sign and name.strip() and path):
+        raise argparse.ArgumentTypeError(f"{text} is not NAME=DIR")
+    return name.strip(), Path(path)
+
+
+def add_fid(parser: Parser) -> None:
+    about = "videos, folders of frames, or folders of such, physgen's output folders among them: one method's clips"
+    parser.add_argument("clips", metavar="CLIPS", type=Path, nargs="*", help=about)
+    parser.option("--reference", "DIR", Path, "the same of what is true", action="append", required=True)
+    about = "clips of a method, once for each; others are compared with the first"
+    parser.option("--method", "NAME=DIR", method, about, [], action="append")
+    about = (
+        "inception-2015-12-05.pt, the TorchScript file of published FIDs; without it, features that need no model and "
+        "are NOT comparable with published FIDs"
+    )
+    parser.option("--inception", "FILE", Path, about)
+    parser.option("--frames", "N", count, "frames of each clip, evenly; default: all")
+    about = (
+        "first frames of the methods' clips that do not count: 1 where theirs begin with the photo and the "
+        "reference's do not; default: 0"
+    )
+    parser.option("--skip", "N", count, about, 0)
+    parser.option("--size", "PX", whole(16, 4096), "the shorter side of all frames; default: 256", 256)
+    parser.option(
+        "--draws", "N", whole(0, 10_000), "resamplings of clips for intervals, 0 for none; default: 200", 200
+    )
+    parser.option("--seed", "N", seed, "of those draws; default: 0", 0)
+    parser.option("--device", "DEVICE", str, "where Inception runs: auto, cpu, cuda, mps", "auto")
+    add_output(parser, "write a page with plots, and the result as JSON, in this folder")
+
+
+def run_fid(options: argparse.Namespace) -> int:
+    from physgen.evaluate.clip_frames import Rule, Source, sources
+    from physgen.evaluate.fid import REFERENCE, Features, Settings, findings, measure
+    from physgen.evaluate.fid_features import Bank
+    from physgen.evaluate.measure import check_folder
+
+    check_folder(options.output, plots=True)
+    problems: list[Problem] = []
+    clips: dict[str, list[Source]] = {}
+    for name, paths in {REFERENCE: options.reference, **methods(options)}.items():
+        try:
+            clips[name] = sources(paths)
+        except InputError as error:
+            problems += error.problems
+    features: Features = Bank()
+    if options.inception:
+        try:
+            from physgen.evaluate.backends.inception import Inception
+
+            features = Inception(options.inception, options.device)
+        except InputError as error:
+            problems += error.problems
+        except ModuleNotFoundError as error:
+            found, fix = f"needs {error.name}, which is not installed", 'pip install "physgen[models]"'
+            problems += InputError.of("--inception", "", found, fix).problems
+    if problems:
+        raise InputError(dict.fromkeys(problems))
+    settings = Settings(Rule(options.size, options.frames), options.draws, options.seed)
+    truth = clips.pop(REFERENCE)
+    clips = {name: [replace(one, skip=options.skip) for one in side] for name, side in clips.items()}
+    bar = Bar()
+    try:
+        measured = measure(truth, clips, features, settings, bar.show)
+    except MemoryError:
+        expected = "makes frames that do not fit into memory"
+        fix = "give a smaller --size, or fewer --frames"
+        raise InputError.of("--size", str(options.size), expected, fix) from None
+    bar.clear()
+    print_problems(measured.warnings)
+    return hand_over(findings(measured, options.skip, bool(options.output)), options)
+
+
+def methods(options: argparse.Namespace) -> dict[str, list[Path]]:
+    """Paths of each, in the order given; what has no name is called by its folder. Raises InputError."""
+    named: dict[str, list[Path]] = {}
+    if options.clips:
+        one = options.clips[0]
+        named["clips" if len(options.clips) > 1 else one.resolve().name or "clips"] = list(options.clips)
+    for name, path in options.method:
+        if name in named:
+            fix = "give each method a name of its own; of clips in several folders, name one above them"
+            raise InputError.of("--method", f'"{name}"', "stands for two methods", fix)
+        named[name] = [path]
+    if not named:
+        fix = "name clips, or methods with --method NAME=DIR"
+        raise InputError.of("evaluate fid", "", "has nothing to compare with the reference", fix)
+    if "reference" in named:
+        raise InputError.of("--method", '"reference"', "is the other side's name", "choose another name")
+    return named
+
+
+# ---- properties ---------------------------------------------------------------------------------------------------
+
+
+def add_properties(parser: Parser) -> None:
+    about = (
+        "objects with what is true of them, in YAML; default: 42 of the YCB set, and published comparisons"
+    )
+    parser.add_argument("table", metavar="TABLE", nargs="?", type=Path, help=about)
+    parser.option("--backend", "ROLE=NAME", str, "what answers: physics=NAME", [], action="append")
+    parser.option("--config", "FILE", Path, "read this in place of ~/.config/physgen/physgen.toml")
+    parser.flag("--hide-size", "tell the name of each object alone, not its size")
+    add_output(parser)
+
+
+def run_properties(options: argparse.Namespace) -> int:
+    from physgen.evaluate.measure import check_folder
+    from physgen.evaluate.properties import SHIPPED, Asked, ask, findings, plots, read_table
+    from physgen.registry import Backends, choices, load_plan
+
+    check_folder(options.output, plots=True)
+    if others := set(choices(options.backend)) - {"physics"}:
+        role = f'"{", ".join(sorted(others))}"'
+        raise InputError.of("--backend", role, "has no part in this", "write physics=NAME")
+    table = read_table(options.table or SHIPPED)
+    backends = Backends(load_plan(options.backend, config=options.config).of(("physics",)))
+    bar = Bar()
+    answers = ask(table, backends, not options.hide_size, bar.show)
+    bar.clear()
+    backends.close()
+    photos = all(item.photo is not None for item in table.items)
+    found = findings(table, answers, Asked(backends.name("physics"), not options.hide_size, photos))
+    if options.output:
+        found = found.with_parts(plots(table, answers), first=False)
+    return hand_over(found, options)
+
+
+# ---- controllability ----------------------------------------------------------------------------------------------
+
+
+def add_controllability(parser: Parser) -> None:
+    scene = "scenes/curling/scene.yaml"
+    parser.add_argument("scene", metavar="SCENE", nargs="?", default=scene, help=f"a scene; default: {scene}")
+    about = "the object that is pushed; default: the one that the scene pushes, or that moves first"
+    parser.option("--object", "NAME", str, about)
+    about = "directions: all round seen from above, upwards from right to left seen from the side; default: 8"
+    parser.option("--angles", "N", turns, about, 8)
+    about = "of the pushes: px/s that they give, e.g. 50,100,200; default: five, up to a third of the canvas"
+    parser.option("--sizes", "LIST", speeds, about, [])
+    parser.option("--set", "KEY=VALUE", str, "edit a key of the scene", [], action="append")
+    parser.option("--variant", "NAME", str, "apply a named variant of the file")
+    parser.flag("--allow-outside", "files may lie outside the scene's folder")
+    add_output(parser)
+
+
+def run_controllability(options: argparse.Namespace) -> int:
+    from physgen import pipeline
+    from physgen.evaluate.controllability import findings, plot, sweep
+    from physgen.evaluate.measure import check_folder
+
+    check_folder(options.output, plots=True)
+    if options.variant == "all":
+        raise InputError.of("--variant", "all", "names more than one", "write one name")
+    scene = pipeline.load(options.scene, options.set, options.variant, options.allow_outside)
+    bar = Bar()
+    swept = sweep(scene, options.object, options.angles, options.sizes, bar.show)
+    bar.clear()
+    found = findings(swept)
+    if options.output:
+        found = found.with_parts({found.sections[0].title: (plot(swept),)})
+    return hand_over(found, options)
+
+
+# ---- runtime ------------------------------------------------------------------------------------------------------
+
+
+def add_runtime(parser: Parser) -> None:
+    about = "folders of clips, whose manifests are read"
+    parser.add_argument("folders", metavar="DIR", nargs="+", type=Path, help=about)
+    add_output(parser, "write a page in this folder")
+
+
+def run_runtime(options: argparse.Namespace) -> int:
+    from physgen.environment import gpu, this_machine
+    from physgen.evaluate.measure import check_folder
+    from physgen.evaluate.runtime import findings, read_runs
+
+    check_folder(options.output)
+    runs = read_runs(options.folders, print_problem)
+    graphics = gpu()
+    found = findings(runs, f"{this_machine()}{f', {graphics}' if graphics else ', no GPU'}")
+    return hand_over(found, options)
+
+
+# ---- study --------------------------------------------------------------------------------------------------------
+
+
+def add_study(parser: Parser) -> None:
+    about = (
+        "a folder of methods with METHOD/SCENE.mp4 or METHOD/SCENE/video.mp4 in it; with --key: files that raters "
+        "saved, or a folder of them"
+    )
+    parser.add_argument("paths", metavar="PATH", type=Path, nargs="+", help=about)
+    about = (
+        "the page to rate on, its key beside it (default: study.html, study.key.json); with --key: a folder for a "
+        "page of the result"
+    )
+    parser.option("-o --output", "PATH", Path, about)
+    parser.option("--key", "FILE", Path, "read answers with the key of their study")
+    parser.option("--videos", "N", count, "scenes shown of every method; default: 15")
+    parser.option("--seed", "N", seed, "of what is drawn; default: 0", 0)
+
+
+VIDEOS = 15
+"""As in the paper."""
+
+
+def run_study(options: argparse.Namespace) -> int:
+    return _read_study(options) if options.key else _make_study(options)
+
+
+def _make_study(options: argparse.Namespace) -> int:
+    from physgen.evaluate.methods import methods_in
+    from physgen.evaluate.study import check_page, make, write_study
+    from physgen.report.films import size_warning
+
+    if any(path.suffix == ".json" for path in options.paths):
+        fix = "name the key that was made with the page, e.g. --key study.key.json"
+        raise InputError.of("--key", "", "is missing: answers are read with it", fix)
+    if len(options.paths) > 1:
+        raise InputError.of(
+            str(options.paths[1]), "", "is a second folder", "name one that holds all methods' folders"
+        )
+    page: Path = options.output or Path("study.html")
+    check_page(page)
+    bar = Bar()
+    methods = methods_in(options.paths[0])
+    made = make(methods, options.videos or VIDEOS, options.seed, bar.show)
+    bar.clear()
+    key = write_study(made, page, print_backup)
+    if left_out := set(methods.scenes) - set(methods.complete):
+        print_error(f"left out, since not every method has made them: {', '.join(sorted(left_out))}")
+    if (large := size_warning(page, "name fewer with --videos")) is not None:
+        print_problem(large)
+    count, scenes = len(methods.names), len(made.key.scenes)
+    if options.json:
+        record = {"page": str(page), "key": str(key), "study": made.key.study, "clips": len(made.clips)}
+        print_json({**record, "methods": made.key.methods, "scenes": made.key.scenes, "seed": options.seed})
+        return OK
+    print(page)
+    several = f"{count} method{'s' * (count != 1)}, {scenes} scene{'s' * (scenes != 1)}"
+    clips = f"{len(made.clips)} clip{'s' * (len(made.clips) != 1)}"
+    print_error(f"{clips}: {several}. Send {page.name} to those who rate.")
+    if count == 1:
+        print_error("It is of one method alone: there is nothing to compare its scores with.")
+    print_error(
+        f"{key} says which clip is of which method: keep it to yourself, and read answers with --key {key}"
+    )
+    return OK
+
+
+def _read_study(options: argparse.Namespace) -> int:
+    from physgen.evaluate.measure import check_folder
+    from physgen.evaluate.ratings import files_in, findings, read_answers
+    from physgen.evaluate.study import read_key
+
+    if options.videos is not None:
+        raise InputError.of("--videos", "", "has no part in reading answers", "leave it out, or --key")
+    check_folder(options.output)
+    key = read_key(options.key)
+    answers = read_answers(files_in(options.paths, options.key), key)
+    return hand_over(findings(answers, options.seed), options)
+
+
+# ---- leaderboard --------------------------------------------------------------------------------------------------
+
+
+def add_leaderboard(parser: Parser) -> None:
+    about = "a folder of methods with METHOD/SCENE.mp4 or METHOD/SCENE/video.mp4 in it"
+    parser.add_argument("folder", metavar="METHODS", type=Path, help=about)
+    add_output(parser, "write the page into this folder; default: the table alone")
+
+
+def run_leaderboard(options: argparse.Namespace) -> int:
+    from physgen.evaluate.leaderboard import findings, make_board, write_board
+    from physgen.evaluate.measure import check_folder
+    from physgen.evaluate.methods import methods_in
+
+    check_folder(options.output)
+    bar = Bar()
+    board = make_board(methods_in(options.folder), bar.show)
+    bar.clear()
+    if options.output:
+        index = write_board(board, options.output, options.command_line, print_backup)
+        print_error(f"the page: {index}")
+    show(findings(board), options)
+    return OK
+
+
+# ---- the command --------------------------------------------------------------------------------------------------
+
+MEASURES = (
+    Command(
+        "fidelity",
+        "Frames against the studio's truth videos; ends with 1 below the bar in docs/fidelity.md.",
+        "fidelity --scenes curling,shelf",
+        add_fidelity,
+        run_fidelity,
+    ),
+    Command(
+        "segmentation",
+        "Objects found in photos against their true masks, as COCO counts them.",
+        "segmentation photos -o out/segmentation --recall 0.8",
+        add_segmentation,
+        run_segmentation,
+    ),
+    Command(
+        "plausibility",
+        "Physics judged without truth: does motion obey one gravity, keep momentum, never jump?",
+        "plausibility out tracks.csv -o out/plausibility",
+        add_plausibility,
+        run_plausibility,
+    ),
+    Command(
+        "fid",
+        "Frames and motion of clips against a reference's: Image-FID and Motion-FID; see docs/fid.md.",
+        "fid out/mine --reference filmed --inception inception-2015-12-05.pt -o out/fid",
+        add_fid,
+        run_fid,
+    ),
+    Command(
+        "properties",
+        "Masses, and orders of friction and elasticity, against what others measured.",
+        "properties -o out/properties",
+        add_properties,
+        run_properties,
+    ),
+    Command(
+        "controllability",
+        "How an object's motion answers to the direction and size of a push.",
+        "controllability scenes/curling/scene.yaml --object red-1 --angles 12 -o out/controllability",
+        add_controllability,
+        run_controllability,
+    ),
+    Command(
+        "runtime",
+        "What each stage takes, from the records of clips.",
+        "runtime out -o out/runtime",
+        add_runtime,
+        run_runtime,
+    ),
+    Command(
+        "study",
+        "A blind page of clips for people to rate; and with --key, what their answers say.",
+        "study METHODS -o study.html, then: physgen evaluate study answers/*.json --key study.key.json -o out/study",
+        add_study,
+        run_study,
+    ),
+    Command(
+        "leaderboard",
+        "Methods side by side: their clips of every scene in step, and what other measures say of them.",
+        "leaderboard METHODS -o board",
+        add_leaderboard,
+        run_leaderboard,
+    ),
+)
 
 
 def measures(subparsers: argparse._SubParsersAction[Parser]) -> None:
     """Add one parser a measure."""
-    for name, measure in MEASURES.items():
+    for measure in MEASURES:
         sub = subparsers.add_parser(
-            name,
-            help=measure.ABOUT,
-            description=measure.ABOUT,
-            epilog=f"example: physgen evaluate {measure.EXAMPLE}",
+            measure.name,
+            help=measure.about,
+            description=measure.about,
+            epilog=f"example: physgen evaluate {measure.example}",
         )
         form = sub.add_mutually_exclusive_group()
         form.add_argument("--json", action="store_true", help="print as JSON")
@@ -48,5 +545,4 @@ def measures(subparsers: argparse._SubParsersAction[Parser]) -> None:
 
 def evaluate(options: argparse.Namespace) -> int:
     """Run the measure that was chosen."""
-    code: int = MEASURES[options.what].run(options)
-    return code
+    return next(measure for measure in MEASURES if measure.name == options.what).run(options)

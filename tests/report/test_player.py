@@ -103,14 +103,6 @@ def test_a_touch_gives_what_the_motion_changes_by(tmp_path: Path) -> None:
     assert blow[1:3] == approx([150 + 30 * begin, 380], abs=0.5)
 
 
-def test_the_books_of_energy_close(tmp_path: Path) -> None:
-    energy = written(tmp_path, BOUNCE).data["energy"]
-    rows = {name: np.cumsum(energy[name]) * energy["step"] for name in ("kinetic", "potential", "dissipated")}
-    total = sum(rows.values())
-    assert np.ptp(total) < 5e-3 * total.max()
-    assert min(row.min() for row in rows.values()) >= 0
-
-
 def test_what_a_camera_sees(tmp_path: Path) -> None:
     assert written(tmp_path, BOUNCE).data["camera"] is None
     views = written(tmp_path, BOUNCE, "render.camera={center: [150, 200], zoom: 2}").data["camera"]

@@ -1,1 +1,0 @@
-"""`physgen evaluate`: one module a measure, with its flags and its handler."""
