@@ -181,7 +181,6 @@ def fid(folder: Path) -> list[dict]:
     """Distances of every set of clips from the filmed one, and what they were reckoned with."""
     from physgen.evaluate import fid as told
     from physgen.evaluate.clip_frames import sources
-    from physgen.evaluate.fid_features import Bank
 
     filmed = json.loads((CLIPS / "clips.json").read_text())
     side, times = filmed["frame"][0], np.array(filmed["times_s"])
@@ -198,7 +197,7 @@ def fid(folder: Path) -> list[dict]:
         write(folder / "still", k, np.hstack([photo] * len(times)), side)
     methods["still"] = sources([unrolled(folder / "still", folder / "frames" / "still")])
     truth = sources([unrolled(CLIPS, folder / "frames" / "filmed")])
-    found = told.measure(truth, methods, Bank(), told.Settings())
+    found = told.measure(truth, methods, told.Bank(), told.Settings())
     rows = told.rows(found)
     for row in rows:
         for key in [key for key in row if "_more" in key]:

@@ -202,8 +202,7 @@ def add_fid(parser: Parser) -> None:
 
 def run_fid(options: argparse.Namespace) -> int:
     from physgen.evaluate.clip_frames import Rule, Source, sources
-    from physgen.evaluate.fid import REFERENCE, Features, Settings, findings, measure
-    from physgen.evaluate.fid_features import Bank
+    from physgen.evaluate.fid import REFERENCE, Bank, Features, Settings, findings, measure
     from physgen.evaluate.measure import check_folder
 
     check_folder(options.output, plots=True)
