@@ -57,8 +57,7 @@ def segmentation(folder: Path) -> list[dict]:
             if way == "both":
                 rows += [{"set": name, "way": way, **row} for row in found.rows]
             total = {key: value for key, value in found.total.items() if key not in ("ap", "ap_by_iou")}
-            error = found.reliability.error
-            rows.append({"set": name, "way": way, "photo": "", **total, "error": error, "cpu": cpu})
+            rows.append({"set": name, "way": way, "photo": "", **total, "cpu": cpu})
     return rounded(rows)
 
 

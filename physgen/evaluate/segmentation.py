@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from physgen import registry
 from physgen.evaluate.measure import (
     Bar,
-    Figure,
     Findings,
     Progress,
     Section,
@@ -317,51 +316,17 @@ def counts(photos: Sequence[Judged]) -> dict[str, Any]:
     }
 
 
-@dataclass(frozen=True, eq=False)
-class Reliability:
-    """Confidence against the share that is right, in bins of equal width; (B,) each."""
+def calibration_error(photos: Sequence[Judged]) -> float | None:
+    """Mean distance of confidence from the share that is right, in bins of equal width (Naeini et al. 2015).
 
-    edges: Floats
-    """(B + 1,) in 0..1; a bin holds its upper edge, the first one 0 as well."""
-    count: NDArray[np.int64]
-    confidence: Floats
-    """Mean of a bin; NaN where it is empty."""
-    right: Floats
-    """Share of a bin; NaN where it is empty."""
-
-    @property
-    def error(self) -> float | None:
-        """Expected calibration error: mean distance of the two, weighted by counts (Naeini et al. 2015)."""
-        total = int(self.count.sum())
-        if not total:
-            return None
-        off = np.where(self.count > 0, np.abs(self.right - self.confidence), 0.0)
-        return float((self.count * off).sum() / total)
-
-    def bins(self) -> list[dict[str, Any]]:
-        """As JSON."""
-        return [
-            {
-                "from": float(self.edges[k]),
-                "to": float(self.edges[k + 1]),
-                "count": int(self.count[k]),
-                "confidence": float(self.confidence[k]) if self.count[k] else None,
-                "right": float(self.right[k]) if self.count[k] else None,
-            }
-            for k in range(BINS)
-        ]
-
-
-def reliability(photos: Sequence[Judged]) -> Reliability:
-    """Of all photos together."""
+    A bin holds its upper edge, the first one 0 as well. None where nothing is found.
+    """
     confidence = np.concatenate([one.confidence for one in photos] or [np.zeros(0)])
-    right = np.concatenate([one.right.astype(np.float64) for one in photos] or [np.zeros(0)])
-    edges = np.linspace(0, 1, BINS + 1)
-    place = np.clip(np.searchsorted(edges, confidence, side="left") - 1, 0, BINS - 1)
-    count = np.bincount(place, minlength=BINS)
-    with np.errstate(invalid="ignore"):
-        means = [np.bincount(place, values, BINS) / count for values in (confidence, right)]
-    return Reliability(edges, count, means[0], means[1])
+    if not len(confidence):
+        return None
+    right = np.concatenate([one.right for one in photos])
+    bins = np.clip(np.ceil(confidence * BINS) - 1, 0, BINS - 1).astype(int)
+    return float(np.abs(np.bincount(bins, right - confidence, BINS)).sum() / len(confidence))
 
 
 # ---- the measure -------------------------------------------------------------------------------------------------
@@ -383,15 +348,14 @@ class Found:
     rows: list[dict[str, Any]]
     """One a photo."""
     total: Mapping[str, Any]
-    """Counts at 0.5 of all objects together; average precision `ap50`, `ap`, and `ap_by_iou` at COCO's thresholds."""
+    """Counts at 0.5 of all objects together; average precision `ap50`, `ap`, and `ap_by_iou` at COCO's thresholds;
+    `error` of confidences."""
     precision: Floats
     """(101,): at 0.5, over recall."""
-    reliability: Reliability
 
     def as_dict(self) -> dict[str, Any]:
         """As JSON, beside `rows`."""
-        reliability = {"error": self.reliability.error, "bins": self.reliability.bins()}
-        return {"iou": THRESHOLDS[0], "total": self.total, "reliability": reliability}
+        return {"iou": THRESHOLDS[0], "total": self.total}
 
 
 def evaluate(
@@ -428,8 +392,9 @@ def evaluate(
         "ap50": ap[0],
         "ap": float(np.mean(known)) if known else None,
         "ap_by_iou": [{"iou": round(iou, 2), "ap": value} for iou, value in zip(THRESHOLDS, ap, strict=True)],
+        "error": calibration_error(matched.photos),
     }
-    return Found(rows, total, matched.precision[0], reliability(matched.photos))
+    return Found(rows, total, matched.precision[0])
 
 
 # ---- report ------------------------------------------------------------------------------------------------------
@@ -437,13 +402,13 @@ def evaluate(
 BARS = {"precision": "precision", "recall": "recall", "iou": "mean IoU"}
 """What a bar may be set for, of all objects of all photos."""
 HEADS = ("photo", "true", "found", "hit", "precision", "recall", "F", "IoU")
-CURVES, CALIBRATION = "Precision over recall", "Calibration"
+CURVES = "Precision over recall"
 PAPER = "The paper: precision 0.93 and recall 0.82 at the same IoU, on 10 photos of its own with 118 objects."
 
 
 def findings(found: Found, bars: Mapping[str, float]) -> Findings:
     """`bars`: the least that precision, recall or mean IoU of all objects together must be."""
-    total, bins = found.total, found.reliability.bins()
+    total = found.total
     met = tuple(
         Bar(f"{BARS[name]} of all together", _share(total[name]), f"{bar:g}", (total[name] or 0.0) >= bar)
         for name, bar in bars.items()
@@ -451,26 +416,16 @@ def findings(found: Found, bars: Mapping[str, float]) -> Findings:
     rows = tuple(_cells(row) for row in (*found.rows, {"photo": "all together", **total}))
     heads = ("average precision at IoU", *(f"{iou:.2f}" for iou in THRESHOLDS))
     by_iou = ("all objects", *(_share(one["ap"]) for one in total["ap_by_iou"]))
-    calibration = tuple(
-        (
-            f"{one['from']:.1f} to {one['to']:.1f}",
-            str(one["count"]),
-            _share(one["confidence"]),
-            _share(one["right"]),
-        )
-        for one in bins
-    )
     sections = (
         Section("Photo by photo", (), (Table(HEADS, rows),)),
         Section(CURVES, (), (Table(heads, (by_iou,)),)),
-        Section(CALIBRATION, (), (Table(("confidence", "found", "mean", "share right"), calibration),)),
     )
     sentences = (
         f"On {counted(len(found.rows), 'photo')}, {total['hit']} of {total['true']} objects are found (recall "
         f"{_share(total['recall'])}), and {total['hit']} of {total['said']} detections are right (precision "
         f"{_share(total['precision'])}), at an IoU of {THRESHOLDS[0]:g} or more; mean IoU {_share(total['iou'])}.",
         f"AP50 {_share(total['ap50'])}, AP50:95 {_share(total['ap'])}.",
-        f"Expected calibration error {_share(found.reliability.error)}: confidence against the share right.",
+        f"Expected calibration error {_share(total['error'])}: confidence against the share right.",
         PAPER,
     )
     title = "Are objects found?"
@@ -487,28 +442,11 @@ def _cells(row: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def illustrated(report: Findings, found: Found) -> Findings:
-    """With plots of precision over recall, and of calibration."""
-    figures = zip((CURVES, CALIBRATION), plots(found), strict=True)
-    return report.with_parts({title: (figure,) for title, figure in figures}, first=False)
+    """With a plot of precision over recall."""
 
-
-def plots(found: Found) -> Iterator[Figure]:
-    """Of precision over recall, and of calibration."""
-    bins = found.reliability
-
-    def precision(axes: Axes, palette: Palette) -> None:
+    def draw(axes: Axes, palette: Palette) -> None:
         axes.step(np.linspace(0, 1, 101), np.maximum(found.precision, 0), color=palette.blue, where="pre")
         axes.set(xlabel="recall", ylabel="precision", xlim=(0, 1), ylim=(0, 1.02))
 
-    yield plotted(precision, "Precision over recall at an IoU of 0.5, as AP reads it.", 100, 90)
-
-    def diagram(axes: Axes, palette: Palette) -> None:
-        middles = (bins.edges[1:] + bins.edges[:-1]) / 2
-        axes.bar(middles, np.nan_to_num(bins.right), 0.9 / BINS, color=palette.blue, alpha=0.4)
-        axes.plot(bins.confidence, bins.right, "o", color=palette.orange, markersize=3)
-        axes.plot([0, 1], [0, 1], color=palette.soft, linestyle="--", linewidth=0.7)
-        axes.set(xlabel="confidence", ylabel="share that is right", xlim=(0, 1), ylim=(0, 1.1))
-
-    yield plotted(
-        diagram, "Share that is right over confidence; on the diagonal, confidences can be believed.", 100, 90
-    )
+    figure = plotted(draw, "Precision over recall at an IoU of 0.5, as AP reads it.", 100, 90)
+    return report.with_parts({CURVES: (figure,)}, first=False)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from physgen.evaluate.segmentation import Judged, Photo, Runs, counts, match, reliability, runs
+from physgen.evaluate.segmentation import Judged, Photo, Runs, calibration_error, counts, match, runs
 
 
 def square(x: int, y: int, side: int = 10) -> Runs:
@@ -63,18 +63,7 @@ def said_and_right(confidence: NDArray[np.float64], right: NDArray[np.bool_]) ->
 def test_perfect_candour_has_no_error() -> None:
     levels = np.repeat([0.25, 0.5, 0.75, 1.0], 40)  # of each forty, as many are right as is said
     right = np.concatenate([np.arange(40) < 10, np.arange(40) < 20, np.arange(40) < 30, np.ones(40, bool)])
-    bins = reliability([said_and_right(levels, right)])
-    assert bins.error == pytest.approx(0, abs=1e-12)
-    assert bins.count.tolist() == [0, 0, 40, 0, 40, 0, 0, 40, 0, 40]
-    over = reliability([said_and_right(np.minimum(levels + 0.2, 1), right)])
-    assert over.error == pytest.approx((3 * 0.2) / 4)
-
-
-def test_drawn_candour_has_as_little_error_as_chance_leaves() -> None:
-    rng = np.random.default_rng(0)
-    confidence = rng.random(200_000)
-    bins = reliability([said_and_right(confidence, rng.random(200_000) < confidence)])
-    assert bins.error is not None
-    assert bins.error < 4 * 0.5 / np.sqrt(20_000)
-    assert np.all(np.diff(bins.right) > 0)
-    assert reliability([]).error is None
+    assert calibration_error([said_and_right(levels, right)]) == pytest.approx(0, abs=1e-12)
+    over = calibration_error([said_and_right(np.minimum(levels + 0.2, 1), right)])
+    assert over == pytest.approx((3 * 0.2) / 4)
+    assert calibration_error([]) is None

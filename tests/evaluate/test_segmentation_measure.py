@@ -68,7 +68,7 @@ def test_every_layout_tells_the_same(folder: Path, capsys: pytest.CaptureFixture
     assert total["true"] == 16
     assert total["recall"] == 1
     assert found["passed"] is True
-    assert sum(part["count"] for part in found["reliability"]["bins"]) == total["said"]
+    assert 0 <= total["error"] <= 1
     by_iou = total["ap_by_iou"]
     assert [one["iou"] for one in by_iou] == [0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95]
     assert np.mean([one["ap"] for one in by_iou]) == pytest.approx(total["ap"])
@@ -86,7 +86,7 @@ def test_bars_tables_and_pictures(folder: Path, tmp_path: Path, capsys: pytest.C
     record = json.loads((out / "result.json").read_text())
     assert (record["measure"], record["passed"]) == ("segmentation", False)
     page = (out / "index.html").read_text()
-    assert page.count("data:image/svg+xml") == 2
+    assert page.count("data:image/svg+xml") == 1
     assert main([*arguments[:3], "--markdown"]) == 0
     assert "| photo | true |" in capsys.readouterr().out
 
