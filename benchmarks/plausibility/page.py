@@ -31,7 +31,7 @@ nothing of is not asked, and a clip of which nothing can be asked is neither rig
 | given | places | outlines |
 |---|---|---|
 | a folder that `render` made, or a scene file | centres of mass | the scene's |
-| CSV: `frame` or `time`, `name`, `x`, `y`, and if known `radius` or `width`, `height` | as given | discs; of boxes the disc inside and the one around |
+| CSV: `frame`, `name`, `x`, `y`, and if known `radius` | as given | discs |
 | a folder of PNG maps, one a frame, ids or colours | centroids of what is wholly seen | as of masks |
 
 px, image axes, s. Of clips of ours nothing but places, outlines and masses is taken, and from the scene what acts from

@@ -7,7 +7,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from math import hypot, isfinite
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 from zipfile import BadZipFile
@@ -53,8 +53,6 @@ class Limits:
     """px: least noise of measured places."""
     masks: float = 0.08
     """px: least noise of centroids of some hundred pixels."""
-    uneven: float = 0.25
-    """Of a frame's time, by which times may be off an even grid."""
 
 
 LIMITS = Limits()
@@ -251,11 +249,9 @@ def _overspun(body: Body) -> bool:
 
 # ---- tables ------------------------------------------------------------------------------------------------------
 
-RANGES = {
-    "frame": (0.0, 1e6), "time": (-1e6, 1e6), "x": (-1e6, 1e6), "y": (-1e6, 1e6),
-    "radius": (1e-3, 1e6), "width": (1e-3, 1e6), "height": (1e-3, 1e6),
-}  # fmt: skip
-"""Columns beside `name`, with what they may hold. s, px, rad."""
+RANGES = {"frame": (0.0, 1e6), "x": (-1e6, 1e6), "y": (-1e6, 1e6), "radius": (1e-3, 1e6)}
+"""Columns beside `name`, with what they may hold: frames, px."""
+NEEDED = ("frame", "x", "y")
 
 
 def from_csv(path: Path, fps: float | None, view: View) -> Tracks:
@@ -267,12 +263,10 @@ def from_csv(path: Path, fps: float | None, view: View) -> Tracks:
         raise InputError(problems[: LIMITS.problems])
     owners = [line.get("name") or "body" for line in lines]
     names = sorted(set(owners), key=natural)
-    framed = "frame" in rows[0]
-    frames, step = _frames(path, np.array([row["frame" if framed else "time"] for row in rows]), len(names))
-    step /= (fps or LIMITS.fps) if framed else 1.0
+    frames = _frames(path, np.array([row["frame"] for row in rows]), len(names))
     shape = max(frames) + 1, len(names)
     places = np.full((*shape, 2), np.nan)
-    discs: list[list[tuple[float, float]]] = [[] for _ in names]
+    radii: list[list[float]] = [[] for _ in names]
     for frame, owner, row in zip(frames, owners, rows, strict=True):
         k = names.index(owner)
         if isfinite(places[frame, k, 0]):
@@ -280,12 +274,10 @@ def from_csv(path: Path, fps: float | None, view: View) -> Tracks:
             raise InputError.of(str(path), f'"{owner}"', f"is twice in frame {frame}", fix)
         places[frame, k] = row["x"], row["y"]
         if "radius" in row:
-            discs[k].append((row["radius"], row["radius"]))
-        elif "width" in row and "height" in row:
-            discs[k].append((min(row["width"], row["height"]) / 2, hypot(row["width"], row["height"]) / 2))
-    forms = tuple(_disc(np.array(own or [(0.0, 0.0)])) for own in discs)
-    source = "a table" + ("" if fps or not framed else ", 30 frames a second assumed")
-    times = np.arange(len(places), dtype=np.float64) * step
+            radii[k].append(row["radius"])
+    forms = tuple(_disc(np.array(own or [0.0])) for own in radii)
+    source = "a table" + ("" if fps else ", 30 frames a second assumed")
+    times = np.arange(len(places), dtype=np.float64) / (fps or LIMITS.fps)
     return Tracks(path.stem, times, tuple(names), places, None, forms, view, LIMITS.table, source)
 
 
@@ -299,11 +291,9 @@ def _lines(path: Path) -> list[dict[str, str]]:
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         fix = "save it as UTF-8 with commas"
         raise InputError.of(str(path), "", f"cannot be read as CSV: {error}", fix) from None
-    missing = [column for column in ("x", "y") if column not in heads]
-    if "frame" not in heads and "time" not in heads:
-        missing.insert(0, "frame or time")
+    missing = [column for column in NEEDED if column not in heads]
     if missing:
-        found, fix = f'columns "{", ".join(heads)}"', "begin with frame,name,x,y,angle,radius"
+        found, fix = f'columns "{", ".join(heads)}"', "begin with frame,name,x,y,radius"
         raise InputError.of(str(path), found, f"lack {', '.join(missing)}", fix)
     if not lines:
         raise InputError.of(str(path), "", "has no tracks", "write a line a frame and body")
@@ -315,7 +305,7 @@ def _row(path: Path, number: int, line: dict[str, str], problems: list[Problem])
     found = {}
     for column, (low, high) in RANGES.items():
         cell = (line.get(column) or "").strip()
-        if cell or (column in line and column in ("frame", "time", "x", "y")):
+        if cell or column in NEEDED:
             try:
                 found[column] = float(cell)
             except ValueError:
@@ -328,29 +318,24 @@ def _row(path: Path, number: int, line: dict[str, str], problems: list[Problem])
     return found
 
 
-def _frames(path: Path, moments: Array, bodies: int) -> tuple[list[int], float]:
-    """Frames from 0 on, and the time between two. Raises InputError for times that are not even, and too many."""
-    rising = np.unique(moments)
-    if len(rising) < 2:
-        raise InputError.of(str(path), f"{len(rising)} moment", "is no motion", "give a row a frame and body")
-    steps = (moments - rising[0]) / float(np.median(np.diff(rising)))
-    frames = np.rint(steps)
-    last = float(frames.max())
-    if np.abs(steps - frames).max() > LIMITS.uneven:
-        fix = "give a column frame, and --fps"
-        raise InputError.of(str(path), "its times", "are not evenly spaced", fix)
+def _frames(path: Path, numbers: Array, bodies: int) -> list[int]:
+    """From 0 on. Raises InputError for numbers that are not whole, no motion, and too many frames."""
+    frames = numbers - numbers.min()
+    last = int(frames.max())
+    if (frames % 1 != 0).any():
+        raise InputError.of(str(path), "its frames", "are not whole numbers", "count frames, and give --fps")
+    if last == 0:
+        raise InputError.of(str(path), "1 frame", "is no motion", "give a row a frame and body")
     if last * bodies > LIMITS.cells:
-        found, fix = (
-            f"{last:,.0f} frames of {bodies:,} bodies",
-            f"keep frames x bodies below {LIMITS.cells:,}",
-        )
+        found = f"{last:,.0f} frames of {bodies:,} bodies"
+        fix = f"keep frames x bodies below {LIMITS.cells:,}"
         raise InputError.of(str(path), found, "are too many", fix)
-    return frames.astype(int).tolist(), float(rising[-1] - rising[0]) / last
+    return frames.astype(int).tolist()
 
 
-def _disc(sizes: Array) -> Outline:
-    """Of (n, 2) px: radii of discs inside and around, a frame each."""
-    core, reach = float(np.quantile(sizes[:, 0], 0.2)), float(np.quantile(sizes[:, 1], 0.8))
+def _disc(radii: Array) -> Outline:
+    """Of the radii (n,) px of a disc in its frames."""
+    core, reach = np.quantile(radii, [0.2, 0.8]).tolist()
     return Outline(core, reach)
 
 
