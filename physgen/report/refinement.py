@@ -1,6 +1,6 @@
 """What refinement changed: measured changes, the strip of frames before and after, and the rows of the page.
 
-Frames come one after the other; only a few small columns and the frames before are kept.
+Frames come one after the other; only a few small columns are kept.
 """
 
 from __future__ import annotations
@@ -24,8 +24,6 @@ F32 = NDArray[np.float32]
 NEAR = 0.05
 """Of the frame's diagonal: pixels up to this distance from an object count as near it, as shadows are."""
 PLACES = ("objects", "near", "elsewhere")
-JUMPS = ("guidance", "refined", "change")
-"""Sequences whose largest step from frame to frame is measured: value, and the later frame."""
 
 
 @dataclass(frozen=True)
@@ -101,10 +99,8 @@ class RefinementChanges:
         self.refined: U8 = np.zeros((0, 0, 3), np.uint8)
         """(H, W, 3) sRGB: that frame after refinement."""
         self._largest, self._first, self._near = -1.0, 0.0, 0.0
-        self._last: tuple[U8, U8, NDArray[np.int16]] | None = None
         self._seen = 0
         self._sums = np.zeros((len(PLACES), 2))  # of each place: change, and pixels
-        self._jumps = dict.fromkeys(JUMPS, (0.0, 0))
 
     def add(self, guidance: U8, refined: U8, coverage: F32) -> None:
         """The next frame: (H, W, 3) sRGB twice, and (H, W) coverage of objects, 0..1."""
@@ -115,44 +111,30 @@ class RefinementChanges:
             pixels = float(share.sum(dtype=np.float64))
             self._sums[k] += float((share * change).sum(dtype=np.float64)), pixels
         mean = float(change.mean(dtype=np.float64))
-        if self._last is None:
+        if self._seen == 0:
             self._first = mean
-        else:
-            for name, now, before in zip(JUMPS, (guidance, refined, difference), self._last, strict=True):
-                jump = cv2.norm(np.asarray(now), np.asarray(before), cv2.NORM_L1) / guidance.size
-                if jump > self._jumps[name][0]:
-                    self._jumps[name] = jump, self._seen
         if self._seen in self._shown:
             self.columns.append(_column(self._seen / self._fps, guidance, refined, difference))
         if mean > self._largest:
             self._largest, self.most, self.refined = mean, self._seen, refined.copy()
-        self._last = guidance, refined, difference
         self._seen += 1
 
     def figures(self) -> dict[str, float | None]:
         """Mean absolute changes of the sRGB codes, in grey levels of 255; None where there is no such place.
 
         `objects`, `near` them (up to `near_px` away) and `elsewhere`; each pixel counts by its coverage, or by the
-        rest. `all`: of the whole clip, `first`: of the first frame. `jump_guidance` and `jump_refined`: the largest
-        mean change from one frame to the next; `flicker`: their ratio. `jump_of_change`: the same of refined less
-        guidance, at `jump_at` s.
+        rest. `all`: of the whole clip, `first`: of the first frame.
         """
         means = {
             place: total / pixels if pixels > 0 else None
             for place, (total, pixels) in zip(PLACES, self._sums.tolist(), strict=True)
         }
         total, pixels = self._sums.sum(axis=0).tolist()
-        before, after = self._jumps["guidance"][0], self._jumps["refined"][0]
         found = {
             **means,
             "all": total / max(pixels, 1.0),
             "near_px": self._near,
             "first": self._first,
-            "jump_guidance": before,
-            "jump_refined": after,
-            "flicker": after / before if before > 0 else None,
-            "jump_of_change": self._jumps["change"][0],
-            "jump_at": self._jumps["change"][1] / self._fps,
         }
         return {name: None if value is None else round(value, 4) for name, value in found.items()}
 
@@ -252,11 +234,7 @@ def refinement(note: Mapping[str, Any] | None) -> dict[str, Any] | None:
 def _change_rows(found: Mapping[str, float | None]) -> list[tuple[str, str]]:
     near = f"near them (up to {found['near_px']:.0f} px away)"
     places = {"objects": "on objects", "near": near, "elsewhere": "elsewhere", "first": "in the first frame"}
-    rows = [(text, f"{found[name]:.2f}") for name, text in places.items() if found[name] is not None]
-    times = "" if found["flicker"] is None else f", {found['flicker']:.3g} times"
-    jumps = f"{found['jump_guidance']:.2f} before, {found['jump_refined']:.2f} refined{times}"
-    of_change = f"{found['jump_of_change']:.2f} at {found['jump_at']:.2f} s"
-    return [*rows, ("largest jump between frames", jumps), ("largest jump of the change alone", of_change)]
+    return [(text, f"{found[name]:.2f}") for name, text in places.items() if found[name] is not None]
 
 
 def _facts(note: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -65,18 +65,6 @@ def test_known_changes_give_known_figures() -> None:
     assert (found["objects"], found["near"], found["elsewhere"]) == (10, 20, 3)
     assert found["all"] == found["first"] == approx(np.abs(refined.astype(int) - 100).mean(), abs=1e-4)
     assert found["near_px"] == approx(near, abs=1e-4)
-    assert (found["jump_guidance"], found["jump_refined"], found["jump_of_change"]) == (0, 0, 0)
-    assert found["flicker"] is None
-
-
-def test_jumps_are_those_of_neighbours() -> None:
-    changes = RefinementChanges(4, 8.0)
-    for before, after in ((100, 100), (104, 104), (105, 113), (105, 112)):
-        changes.add(grey(before), grey(after), square())
-    found = changes.figures()
-    assert (found["jump_guidance"], found["jump_refined"], found["flicker"]) == (4, 9, 2.25)
-    assert (found["jump_of_change"], found["jump_at"]) == (8, 2 / 8)
-    assert found["first"] == 0
 
 
 def test_colours_show_how_much_and_where() -> None:

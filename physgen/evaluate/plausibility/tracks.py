@@ -330,7 +330,7 @@ def _frames(path: Path, numbers: Array, bodies: int) -> list[int]:
         found = f"{last:,.0f} frames of {bodies:,} bodies"
         fix = f"keep frames x bodies below {LIMITS.cells:,}"
         raise InputError.of(str(path), found, "are too many", fix)
-    return frames.astype(int).tolist()
+    return [int(frame) for frame in frames]
 
 
 def _disc(radii: Array) -> Outline:
