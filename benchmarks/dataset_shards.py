@@ -28,7 +28,7 @@ objects:
   ball: {shape: {circle: {center: [12, 16], radius: 6}}, mass: 100, velocity: [60, 0]}
 render: {fps: 20}
 """
-FORMATS = ("events", "mots")
+FORMATS = ("events", "mot")
 COUNTS = (1_000, 10_000)
 IN_A_FOLDER = 1_000
 LINKS = 30_000

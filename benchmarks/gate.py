@@ -122,8 +122,8 @@ VARIABLE_KEYS = re.compile(
 
 Values = dict[str, Any]
 
-FORMATS = "frames,flo,kitti,tapvid,order,coco,davis,youtubevos,mot,mots,events,trajectory,physics"
-MAP_FORMATS = "depth,normals,albedo,shading"
+FORMATS = "frames,flo,tapvid,coco,davis,mot,events,trajectory,physics"
+MAP_FORMATS = "depth,normals,albedo"
 COMMANDS = (
     *("perceive", "import", "edit", "check", "simulate", "render", "sweep", "export", "dataset", "refine"),
     *("gallery", "plot", "verify", "pack", "unpack", "cache", "backends", "schema", "evaluate"),

@@ -109,15 +109,10 @@ def coco(clip: Shown) -> Iterator[tuple[str, U8]]:
         seen = rle.decode(row["segmentation"]) if "segmentation" in row else 0 * all_of_it
         tinted(whole, (all_of_it > 0) & (seen == 0), ink(row["track_id"]), 0.75)
         cv2.drawContours(whole, edges, -1, ink(row["track_id"]), 1)
-    picture, draw = pen(shown)
-    for row in rows:
-        corners = [tuple(corner) for corner in np.array(row["oriented_bbox"]).reshape(4, 2) - 0.5]
-        draw.polygon(corners, outline=ink(row["track_id"]), width=2)
-        draw.line(corners[:2], (255, 255, 255), 2)
-    yield "coco: masks, oriented boxes (white: the top edge)", np.asarray(picture)
+    yield "coco: masks", shown
     picture, draw = pen(whole)
     for row in rows + hidden:
-        if row["visible_fraction"] < 0.995 or row["truncation"] > 0.005:
+        if row["visible_fraction"] < 0.995:
             said(draw, tuple(row["amodal_bbox"][:2]), f"{row['visible_fraction']:.0%}", ink(row["track_id"]))
     yield "coco: whole masks, visible share", np.asarray(picture)
 
@@ -148,17 +143,6 @@ def mot(clip: Shown) -> Iterator[tuple[str, U8]]:
     yield "mot: ids, visible share", np.asarray(picture)
 
 
-def mots(clip: Shown) -> Iterator[tuple[str, U8]]:
-    (path,) = clip.home.glob("mots/*/gt/gt.txt")
-    shown = clip.rgb.copy()
-    for line in path.read_text().splitlines():
-        frame, who, _, height, width, counts = line.split(" ")
-        if int(frame) == clip.index + 1:
-            mask = rle.decode({"size": [int(height), int(width)], "counts": counts.encode()}) > 0
-            tinted(shown, mask, ink(int(who) - 2000))
-    yield "mots", shown
-
-
 def flo(clip: Shown) -> Iterator[tuple[str, U8]]:
     moved = cv2.readOpticalFlow(str(clip.file("flo/forward/{:05d}.flo")))
     told = clip.read("flo/visible/forward/{:05d}.png")
@@ -173,19 +157,6 @@ def flo(clip: Shown) -> Iterator[tuple[str, U8]]:
                 draw.line((x, y, x + u, y + v), (255, 235, 60), 2)
                 draw.ellipse((x - 2, y - 2, x + 2, y + 2), (255, 235, 60))
     yield "flo: the way; red: hidden next, blue: gone", np.asarray(picture)
-
-
-def kitti(clip: Shown) -> Iterator[tuple[str, U8]]:
-    codes = clip.read("kitti/flow_noc/{:06d}_10.png").astype(np.float32)
-    way = np.hypot(*np.moveaxis(codes[..., :2] - 2**15, 2, 0)) / 64
-    counts = codes[..., 2] > 0
-    most = max(float(way[counts].max(initial=0)), 1.0)
-    heat = cv2.applyColorMap((255 * np.minimum(way / most, 1)).astype(np.uint8), cv2.COLORMAP_PLASMA)[
-        ..., ::-1
-    ]
-    shown = np.where((counts & (way > 0.02))[..., None], heat, clip.rgb // 2)
-    shown[~counts] = 255
-    yield f"kitti: px, up to {most:.1f} (yellow); white: does not count", shown
 
 
 def tapvid(clip: Shown) -> Iterator[tuple[str, U8]]:
@@ -203,17 +174,6 @@ def tapvid(clip: Shown) -> Iterator[tuple[str, U8]]:
     yield "tapvid: tracks; hollow: hidden", np.asarray(picture)
 
 
-def order(clip: Shown) -> Iterator[tuple[str, U8]]:
-    ranks = clip.read("order/{:05d}.png").astype(np.float32)
-    heat = cv2.applyColorMap((255 * ranks / max(ranks.max(), 1)).astype(np.uint8), cv2.COLORMAP_VIRIDIS)[
-        ..., ::-1
-    ]
-    yield (
-        "order: yellow is in front",
-        np.where((ranks > 0)[..., None], heat // 3 * 2 + clip.rgb // 3, clip.rgb),
-    )
-
-
 def depth(clip: Shown) -> Iterator[tuple[str, U8]]:
     codes = clip.read("depth/{:05d}.png").astype(np.float32)
     low, high = np.percentile(codes, (0.5, 99.5))
@@ -227,11 +187,6 @@ def normals(clip: Shown) -> Iterator[tuple[str, U8]]:
 
 def albedo(clip: Shown) -> Iterator[tuple[str, U8]]:
     yield "albedo", encode_u8((clip.read("albedo/{:05d}.png") / np.float32(65535)).astype(np.float32))
-
-
-def shading(clip: Shown) -> Iterator[tuple[str, U8]]:
-    light = clip.read("shading/{:05d}.png").astype(np.float32) * np.float32(16 / 65535)
-    yield "shading: white is 1.5", encode_u8(np.minimum(light / np.float32(1.5), 1))
 
 
 def events(clip: Shown) -> Iterator[tuple[str, U8]]:
@@ -280,17 +235,12 @@ PANELS: dict[str, Callable[[Shown], Iterator[tuple[str, U8]]]] = {
     "frames": frames,
     "coco": coco,
     "davis": palette("davis", "Annotations/Full-Resolution"),
-    "youtubevos": palette("youtubevos", "Annotations"),
-    "mots": mots,
     "mot": mot,
-    "order": order,
     "flo": flo,
-    "kitti": kitti,
     "tapvid": tapvid,
     "depth": depth,
     "normals": normals,
     "albedo": albedo,
-    "shading": shading,
     "events": events,
     "trajectory": trajectory,
     "physics": physics,

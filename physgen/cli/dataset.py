@@ -23,9 +23,9 @@ MAX_WARNINGS = 20
 
 def dataset(options: argparse.Namespace) -> int:
     from physgen.batch.dataset import DatasetOptions, gather, read_splits
-    from physgen.export.formats import check_names
+    from physgen.export.formats import chosen_formats
 
-    check_names(options.format)
+    chosen_formats(options.format, written=False)
     splits = read_splits(options.split, options.seed)
     chosen = DatasetOptions(options.layout, splits, options.format, options.shard_clips)
     warnings = 0

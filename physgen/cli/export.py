@@ -37,14 +37,14 @@ def export(options: argparse.Namespace) -> int:
 
 
 NAMES = (
-    "frames", "flo", "kitti", "tapvid", "order", "depth", "normals", "albedo", "shading", "coco", "davis",
-    "youtubevos", "mot", "mots", "events", "trajectory", "physics",
+    "frames", "flo", "tapvid", "depth", "normals", "albedo", "coco", "davis", "mot", "events", "trajectory",
+    "physics",
 )  # fmt: skip
 
 
 def add(parser: Parser) -> None:
     parser.add_argument("scenes", metavar="SCENE", nargs="+")
-    about = f"any of {','.join(NAMES)}; tapvid:512 tracks 512 points; see docs/ground-truth.md"
+    about = f"any of {','.join(NAMES)}; see docs/ground-truth.md"
     parser.option("--format", "LIST", labels, about, required=True)
     parser.option("-o --output", "DIR", str, "default: labels", "labels")
     parser.option("--jobs", "N", count, "scenes at a time; default: 1", 1)

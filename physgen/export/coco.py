@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.export.labels import Clip, Moment, View, Writer
-from physgen.export.masks import CORNER, Box, Presence, compressed
+from physgen.export.labels import Box, Clip, Moment, Presence, View, Writer
 
-SHARE_DIGITS, CORNER_DIGITS = 6, 3
-"""Decimals of shares, and of the corners of oriented boxes, px."""
+SHARE_DIGITS = 6
+"""Decimals of shares."""
 
 
 class Coco(Writer):
@@ -103,18 +102,17 @@ def _annotation(clip: Clip, view: View, presence: Presence) -> dict[str, Any]:
         row |= {"area": presence.seen_area, "bbox": list(presence.seen_box), "iscrowd": 0}
     row |= {
         "visible_fraction": round(presence.visible, SHARE_DIGITS),
-        "truncation": round(1 - clip.amodal(view, presence)[1], SHARE_DIGITS),
         "amodal_segmentation": whole,
         "amodal_area": presence.whole_area,
         "amodal_bbox": list(presence.box),
     }
-    extent = clip.extents[body]
-    if extent is not None:
-        corners = extent.corners_at(view.poses[body], view.lens) + CORNER
-        row["oriented_bbox"] = [round(value, CORNER_DIGITS) for value in corners.ravel().tolist()]
     return row
 
 
 def _run_lengths(mask: NDArray[np.bool_], box: Box, view: View) -> dict[str, Any]:
-    width, height = view.size
-    return {"size": [height, width], "counts": compressed(mask, box, view.size)}
+    from pycocotools import mask as coco
+
+    (width, height), (x, y, w, h) = view.size, box
+    picture = np.zeros((height, width), np.uint8, order="F")
+    picture[y : y + h, x : x + w] = mask
+    return {"size": [height, width], "counts": str(coco.encode(picture)["counts"], "ascii")}

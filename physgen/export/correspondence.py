@@ -138,14 +138,3 @@ class BallTurn:
             down + (yx * u + yy * v - yz * towards),
             zx * u + zy * v > zz * towards,
         )
-
-    def origin(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """The same without the far side, where x and y are roughly pixels of the ball."""
-        u, v = (x - self.center[0]) / self.radius, (y - self.center[1]) / self.radius
-        towards = np.sqrt(np.maximum(1 - (u * u + v * v), 0))
-        reach = self.radius * self.scale
-        along, down = (
-            to + (reach * row[0] * u + reach * row[1] * v) - reach * row[2] * towards
-            for to, row in zip(self.to, self.turn[:2].tolist(), strict=True)
-        )
-        return along, down

@@ -1,8 +1,7 @@
-"""Masks as palette PNG in the layouts of DAVIS 2017 and YouTube-VOS, beside JPEG pictures."""
+"""Frames as PNG, and masks as palette PNG in the layout of DAVIS 2017, beside JPEG pictures."""
 
 from __future__ import annotations
 
-import json
 from io import BytesIO
 from pathlib import Path
 
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from physgen.export.labels import PNG_LEVEL, Clip, Moment, Writer
+from physgen.export.labels import PNG_LEVEL, Clip, Moment, Writer, write_png
 
 FIRST_COLOURS = (
     (0, 0, 0), (128, 0, 0), (0, 128, 0), (128, 128, 0), (0, 0, 128), (128, 0, 128), (0, 128, 128), (128, 128, 128),
@@ -32,57 +31,32 @@ def palette_png(ids: NDArray[np.uint16]) -> bytes:
     return file.getvalue()
 
 
-class MaskFolders(Writer):
-    """`JPEGImages/` and `Annotations/` with a subfolder for the clip."""
+class Frames(Writer):
+    """`00000.png` ...: the frames, 8-bit sRGB."""
 
-    def __init__(self, folder: Path, clip: Clip, size: str = "") -> None:
-        self._folder, self._clip = folder, clip
+    def __init__(self, folder: Path, clip: Clip) -> None:
+        self._folder = folder
+
+    def add(self, moment: Moment) -> None:
+        """One file a frame."""
+        write_png(self._folder / f"{moment.view.index:05d}.png", moment.view.rgb)
+
+
+class Davis(Writer):
+    """DAVIS 2017 (Pont-Tuset et al., 2017): pictures, masks, and the lists of clips, which name this one."""
+
+    def __init__(self, folder: Path, clip: Clip) -> None:
         self._images, self._masks = (
-            folder / name / size / clip.name for name in ("JPEGImages", "Annotations")
+            folder / name / FULL_SIZE / clip.name for name in ("JPEGImages", "Annotations")
         )
-        for made in (self._images, self._masks):
+        lists = folder / "ImageSets" / "2017"
+        for made in (self._images, self._masks, lists):
             made.mkdir(parents=True)
+        for split in ("train", "val"):  # tools read either list
+            (lists / f"{split}.txt").write_text(f"{clip.name}\n", encoding="utf-8")
 
     def add(self, moment: Moment) -> None:
         """Two files a frame."""
         view = moment.view
         (self._images / f"{view.index:05d}.jpg").write_bytes(view.jpeg)
         (self._masks / f"{view.index:05d}.png").write_bytes(palette_png(view.ids))
-
-
-class Davis(MaskFolders):
-    """DAVIS 2017 (Pont-Tuset et al., 2017); both lists of `ImageSets/2017/` name the clip."""
-
-    def __init__(self, folder: Path, clip: Clip) -> None:
-        super().__init__(folder, clip, FULL_SIZE)
-
-    def close(self) -> None:
-        """Tools read either list."""
-        lists = self._folder / "ImageSets" / "2017"
-        lists.mkdir(parents=True)
-        for split in ("train", "val"):
-            (lists / f"{split}.txt").write_text(f"{self._clip.name}\n", encoding="utf-8")
-
-
-class YoutubeVos(MaskFolders):
-    """YouTube-VOS (Xu et al., ECCV 2018); `meta.json` has the label of each visible object, and its frames."""
-
-    def __init__(self, folder: Path, clip: Clip) -> None:
-        super().__init__(folder, clip)
-        self._frames: dict[int, list[str]] = {}
-
-    def add(self, moment: Moment) -> None:
-        """Also notes which objects are visible."""
-        super().add(moment)
-        for presence in moment.view.presences:
-            if presence.seen_area:
-                self._frames.setdefault(presence.body, []).append(f"{moment.view.index:05d}")
-
-    def close(self) -> None:
-        """Objects that are never visible are not listed."""
-        objects = {
-            str(body + 1): {"category": self._clip.labels[body], "frames": frames}
-            for body, frames in sorted(self._frames.items())
-        }
-        text = json.dumps({"videos": {self._clip.name: {"objects": objects}}}, indent=1, ensure_ascii=False)
-        (self._folder / "meta.json").write_text(text + "\n", encoding="utf-8")

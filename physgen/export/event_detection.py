@@ -1,4 +1,4 @@
-"""Detection of events in a motion: collisions, contacts, pushes, falls, tips, rests and picture borders.
+"""Detection of events in a motion: pushes, starts, collisions, tips, picture borders and rests.
 
 The number of frames and their rate change nothing: the motion is sampled again, evenly and around impacts.
 """
@@ -6,27 +6,26 @@ The number of frames and their rate change nothing: the motion is sampled again,
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 from functools import partial
-from math import ceil, hypot, pi, radians
+from math import ceil, pi, radians
 
 import numpy as np
 from cv2 import convexHull
 from numpy.typing import NDArray
 
-from physgen.compile.world import Body, Push, World
+from physgen.compile.world import Body, World
 from physgen.geometry.polygon import rotation
 from physgen.render.camera import Shot
-from physgen.render.contacts import Impact, contact_points_between, find_impacts
+from physgen.render.contacts import Impact, find_impacts
 from physgen.scene.scene import FieldKind, Load, Motion, Point, Solid, View
 from physgen.simulate.engine import simulate
 from physgen.simulate.trajectory import (
-    REST_DURATION,
     REST_SPEED,
     REST_TURN,
     Trajectory,
-    new_touches,
+    rest_times,
     resting_mask,
 )
 
@@ -37,13 +36,11 @@ Sampled = Callable[[Array], Trajectory]
 
 @dataclass(frozen=True)
 class EventLimits:
-    """What counts as a motion, a rest and a touch, and how finely the motion is sampled."""
+    """What counts as a motion and a touch, and how finely the motion is sampled."""
 
-    shift: float = 1.0
-    """px by which an object's centre or rim must leave its place at t = 0: less is settling, no motion."""
-    creak: float = 0.05
-    brief: float = 0.005
-    """px by which an object at rest may slip, or its rim turn, within so many s."""
+    shift: float = 0.005
+    """Of the photo's longer side, by which an object's centre or rim must leave its place at t = 0: less is settling,
+    which is hardly seen."""
     loose: float = 1e-3
     """s within which a touch that ends does not support any more."""
     rate: float = 240.0
@@ -68,26 +65,15 @@ class EventKind(Enum):
     """Kinds of events, in the order in which those of one moment are listed."""
 
     MOVING = "moving"
-    """It moves when the clip starts."""
-    OUTSIDE = "outside"
-    """It is completely outside the picture when the clip starts."""
-    STAY = "stay"
-    """It does not move in the clip."""
+    """It moves when the clip starts, because the scene says so."""
     PUSH = "push"
-    """An impulse is given to it."""
-    PUSH_START = "push_start"
-    """A force or torque begins to act."""
-    PUSH_END = "push_end"
-    CONTACT = "contact"
-    """Two surfaces touch, until `until`."""
-    COLLISION = "collision"
-    """An impact between two surfaces."""
-    FIRST_TOUCH = "first_touch"
-    """Its first contact with a surface that it did not touch from the start."""
+    """An impulse is given to it, or a force or torque acts until `until`."""
     MOVE = "move"
-    """It starts to move, and moves by more than `LIMITS.shift`."""
+    """It starts to move, and leaves its place by more than `LIMITS.shift`."""
     FALL = "fall"
     """The same without contact, joint or push: gravity alone moves it."""
+    COLLISION = "collision"
+    """An impact between two surfaces."""
     TIP = "tip"
     """It has turned by 45 degrees; not for balls and discs, and only in side view."""
     LEAVE = "leave"
@@ -96,8 +82,6 @@ class EventKind(Enum):
     """The first of it comes into the picture."""
     REST = "rest"
     """It has moved, and rests from then on."""
-    GOES_ON = "goes_on"
-    """It still moves when the clip ends."""
 
 
 @dataclass(frozen=True)
@@ -108,34 +92,21 @@ class Event:
     time: float
     """s of the motion."""
     surfaces: tuple[int, ...]
-    """One, or the two of a contact or collision; of a first touch, the object first."""
-    at: Point | None = None
+    """One, or the two of a collision: the one that moves faster towards the other first."""
+    at: Point
     """px of the photo: the point of contact or of a push; else the centre of mass."""
     until: float | None = None
-    """s: the end of a contact or of a lasting push; None: it outlasts the clip, or has no length."""
+    """s: the end of a lasting push; None: it outlasts the clip, or has no length."""
     impulse: float | None = None
     """g·px/s: of a collision or an impulse, without lasting pressure."""
     vector: Point | None = None
     """Of a collision the unit vector in which the second pushes the first; of a push g·px/s or g·px/s²; else px/s."""
-    torque: float | None = None
+    torque: float = 0.0
     """g·px²/s²."""
-    before: tuple[float, ...] = ()
-    """px/s: speed of each surface just before a collision."""
-    after: tuple[float, ...] = ()
-    """px/s: just after."""
-    nearing: tuple[float, float] | None = None
-    """px/s at which each contact point approaches the other just before a collision, along `vector`."""
-    parting: float | None = None
-    """px/s at which they part after it."""
-    far: float | None = None
-    """px: largest distance of a moving object, or of its rim, from its place at t = 0."""
+    closing: float | None = None
+    """px/s at which the contact points of a collision approach each other just before."""
     side: str = ""
-    """Of the picture, where an object leaves or enters: one of SIDES."""
-
-    @property
-    def closing(self) -> float:
-        """px/s at which the contact points approach each other before a collision."""
-        return 0.0 if self.nearing is None else sum(self.nearing)
+    """Of the picture, where an object leaves or enters: one of SIDES; where to it tips: left or right."""
 
 
 def events(
@@ -154,7 +125,6 @@ def events(
     impacts = find_impacts(world, seen, 1 / LIMITS.rate) if len(seen.times) > 1 else []
     found = [
         *_pushes(world, seen),
-        *_contacts(world, seen),
         *(_collision(world, seen, impact) for impact in impacts),
         *_motions(world, seen),
         *_borders(world, seen, shot),
@@ -190,38 +160,16 @@ def _pair(values: Array) -> Point:
 def _pushes(world: World, seen: Trajectory) -> Iterator[Event]:
     last = float(seen.times[-1])
 
-    def event(kind: EventKind, push: Push, time: float, until: float | None) -> Event:
-        pose = seen.poses[_sample(seen, time), push.body]
-        at = _pair(pose[:2] + rotation(float(pose[2])) @ push.at)
-        vector = _pair(push.vector) if push.vector.any() else None
-        impulse = float(np.hypot(*push.vector)) if kind is EventKind.PUSH else None
-        return Event(kind, time, (push.body,), at, until, impulse, vector, push.torque or None)
-
     for push in world.pushes:
         if world.bodies[push.body].motion is not Motion.DYNAMIC or push.start > last:
             continue
-        if push.load is Load.IMPULSE:
-            yield event(EventKind.PUSH, push, push.start, None)
-            continue
-        until = push.end if push.end <= last else None
-        yield event(EventKind.PUSH_START, push, push.start, until)
-        if until is not None:
-            yield event(EventKind.PUSH_END, push, until, None)
-
-
-def _contacts(world: World, seen: Trajectory) -> Iterator[Event]:
-    """Contacts, and the first new one of each body."""
-    last, contacts, met = float(seen.times[-1]), seen.contacts, set[int]()
-    new = new_touches(seen)
-    for k in np.argsort(contacts.touch_times[:, 0], kind="stable").tolist():
-        (one, other), (begin, end) = contacts.touch_pairs[k].tolist(), contacts.touch_times[k].tolist()
-        points, _ = contact_points_between(world, seen.poses[_sample(seen, begin)], one, other)
-        at = _pair(points.mean(axis=0))
-        yield Event(EventKind.CONTACT, begin, (one, other), at, end if end <= last else None)
-        for body, partner in ((one, other), (other, one)):
-            if new[k] and body < len(world.bodies) and body not in met:
-                met.add(body)
-                yield Event(EventKind.FIRST_TOUCH, begin, (body, partner), at)
+        pose = seen.poses[_sample(seen, push.start), push.body]
+        at = _pair(pose[:2] + rotation(float(pose[2])) @ push.at)
+        vector = _pair(push.vector) if push.vector.any() else None
+        sudden = push.load is Load.IMPULSE
+        until = push.end if not sudden and push.end <= last else None
+        impulse = float(np.hypot(*push.vector)) if sudden else None
+        yield Event(EventKind.PUSH, push.start, (push.body,), at, until, impulse, vector, push.torque)
 
 
 def _collision(world: World, seen: Trajectory, impact: Impact) -> Event:
@@ -229,32 +177,13 @@ def _collision(world: World, seen: Trajectory, impact: Impact) -> Event:
     # where other impacts came earlier in the same engine step, the sample just before is after them
     earlier = (impact.time - LIMITS.before, impact.time - step)
     samples = [*(_sample(seen, time) for time in earlier), _sample(seen, impact.time) - 1]
-    before = max(
-        (k for k in samples if k >= 0), key=lambda k: sum(_nearing(world, seen, k, impact)), default=0
-    )
-    after = _sample(seen, impact.time + step)
-    if seen.times[after] - impact.time > 4 * step:
-        after = min(_sample(seen, impact.time) + 1, len(seen.times) - 1)
-
-    def speeds(sample: int) -> tuple[float, ...]:
-        moving = (k < len(world.bodies) for k in impact.pair)  # walls stand still
-        velocities = seen.velocities[sample]
-        return tuple(
-            float(np.hypot(*velocities[k, :2])) if moves else 0.0
-            for k, moves in zip(impact.pair, moving, strict=True)
-        )
-
+    nearing = max((_nearing(world, seen, k, impact) for k in samples if k >= 0), key=sum, default=(0.0, 0.0))
+    pair, way = impact.pair, impact.way
+    if nearing[1] > nearing[0] and pair[1] < len(world.bodies):
+        pair, way = pair[::-1], -way
+    at, vector = _pair(impact.at), _pair(way)
     return Event(
-        EventKind.COLLISION,
-        impact.time,
-        impact.pair,
-        _pair(impact.at),
-        impulse=impact.impulse,
-        vector=_pair(impact.way),
-        before=speeds(before),
-        after=speeds(after),
-        nearing=_nearing(world, seen, before, impact),
-        parting=-sum(_nearing(world, seen, after, impact)),
+        EventKind.COLLISION, impact.time, pair, at, None, impact.impulse, vector, closing=sum(nearing)
     )
 
 
@@ -271,26 +200,22 @@ def _nearing(world: World, seen: Trajectory, sample: int, impact: Impact) -> tup
 
 def _motions(world: World, seen: Trajectory) -> Iterator[Event]:
     """Starts, falls, tips and rests of each body by itself."""
-    resting = resting_mask(seen)
-    for k, body in enumerate(world.bodies):
-        poses, velocities = seen.poses[:, k], seen.velocities[:, k]
-        distance = np.hypot(*(poses[:, :2] - poses[0, :2]).T)
+    resting, least = resting_mask(seen), LIMITS.shift * max(world.size)
+    for k, (body, rest) in enumerate(zip(world.bodies, rest_times(seen), strict=True)):
+        poses = seen.poses[:, k]
         turned = np.abs(poses[:, 2] - poses[0, 2])
-        reach = np.maximum(distance, turned * body.reach)
-        far, gone = float(reach.max()), np.flatnonzero(reach > LIMITS.shift)
+        reach = np.maximum(np.hypot(*(poses[:, :2] - poses[0, :2]).T), turned * body.reach)
+        gone = np.flatnonzero(reach > least)
         if not len(gone):
-            yield Event(EventKind.STAY, 0.0, (k,), _pair(poses[0]), far=far)
             continue
-        yield replace(_start(world, seen, k, int(gone[0]), resting[:, k]), far=far)
+        yield _start(world, seen, k, int(gone[0]), resting[:, k])
         if _can_tip(world, body) and turned.max() > TIPPED:
             at = int(np.argmax(turned > TIPPED))
             time = _crossing(seen.times, turned - TIPPED, at)
             side = "right" if poses[at, 2] > poses[0, 2] else "left"
             yield Event(EventKind.TIP, time, (k,), _pair(poses[at]), side=side)
-        rest = _rest(seen, k, resting[:, k], body.reach)
-        at = len(seen.times) - 1 if rest is None else _sample(seen, rest)
-        kind = EventKind.GOES_ON if rest is None else EventKind.REST
-        yield Event(kind, float(seen.times[at]), (k,), _pair(poses[at]), vector=_pair(velocities[at]))
+        if rest is not None:
+            yield Event(EventKind.REST, rest, (k,), _pair(poses[_sample(seen, rest)]))
 
 
 def _crossing(times: Array, values: Array, at: int) -> float:
@@ -339,23 +264,6 @@ def _falls(world: World, seen: Trajectory, k: int, time: float) -> bool:
     return not (held or in_field or touched or pushed)
 
 
-def _rest(seen: Trajectory, k: int, resting: NDArray[np.bool_], reach: float) -> float | None:
-    """s from which on it rests, except for creaks that frames hardly show; None: it moves to the end."""
-    last = len(resting) - 1
-    moving = np.flatnonzero(~resting)
-    since = 0
-    while len(moving):
-        run = moving[int(np.flatnonzero(np.diff(moving, prepend=-2) > 1)[-1]) :]
-        first, since = max(int(run[0]) - 1, 0), int(run[-1]) + 1
-        x, y, angle = (seen.poses[min(since, last), k] - seen.poses[first, k]).tolist()
-        brief = seen.times[min(since, last)] - seen.times[first] < LIMITS.brief
-        if not brief or max(hypot(x, y), abs(angle) * reach) > LIMITS.creak:
-            break
-        moving, since = moving[: -len(run)], 0
-    late = since > last or seen.times[-1] - seen.times[since] < REST_DURATION - 1e-9
-    return None if late else float(seen.times[since])
-
-
 def _borders(world: World, seen: Trajectory, shot: Shot) -> Iterator[Event]:
     """An object is in the picture as long as any of its outline is."""
     lenses = np.stack([shot.affine(float(time)) for time in seen.times])
@@ -365,9 +273,6 @@ def _borders(world: World, seen: Trajectory, shot: Shot) -> Iterator[Event]:
             continue
         beyond = _outside(body, seen.poses[:, k], lenses, shot.video)
         far = beyond.max(axis=1)
-        if far[0] > 0:
-            side = SIDES[int(beyond[0].argmax())]
-            yield Event(EventKind.OUTSIDE, 0.0, (k,), _pair(seen.poses[0, k]), side=side)
         for at in (np.flatnonzero((far[1:] > 0) != (far[:-1] > 0)) + 1).tolist():
             leaves = far[at] > 0
             kind = EventKind.LEAVE if leaves else EventKind.ENTER

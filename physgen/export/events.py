@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import re
-import unicodedata
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import atan2, pi
 from pathlib import Path
@@ -26,16 +25,11 @@ class CaptionStyle:
     at_start: float = 0.01
     """s of the clip: an earlier event happens at the start."""
     longest_noun: int = 40
-    """Characters."""
-    bounce: float = 0.2
-    """Of the speed of approach: an object that parts faster from a wall bounces."""
-    seen_motion: float = 0.005
-    """Of the photo's longer side: the caption leaves out objects that move less."""
+    """Characters: an object with a longer label is called by its name."""
     same_speed: float = 0.02
     """Of the speed: a smaller difference between clip and motion is not mentioned."""
-    few: int = 2
     most: int = 3
-    """Objects of one kind of event that get a sentence each, and sentences of one kind."""
+    """Objects of one kind of event that get a sentence each in the caption."""
 
 
 STYLE = CaptionStyle()
@@ -45,52 +39,40 @@ COMPASS = (
     *("to the left", "up and to the left", "up", "up and to the right"),
 )
 """Of image axes, from +x on towards +y."""
-LEAVING = {"left": "on the left", "right": "on the right", "top": "at the top", "bottom": "at the bottom"}
-ENTERING = {"left": "from the left", "right": "from the right", "top": "from above", "bottom": "from below"}
-STARTS = (EventKind.MOVING, EventKind.FALL, EventKind.MOVE)
-PUSHES = (EventKind.PUSH, EventKind.PUSH_START)
-BORDERS = (EventKind.OUTSIDE, EventKind.LEAVE, EventKind.ENTER)
-ENDS = (EventKind.REST, EventKind.GOES_ON)
-CAPTION_ORDER = (
-    *(
-        PUSHES,
-        (EventKind.MOVING,),
-        (EventKind.FALL, EventKind.MOVE),
-        (EventKind.COLLISION,),
-        (EventKind.TIP,),
-    ),
-    *((EventKind.ENTER,), (EventKind.LEAVE,), (EventKind.REST,), (EventKind.GOES_ON,), (EventKind.STAY,)),
-)
-TIMED = ((EventKind.TIP,), (EventKind.ENTER,), (EventKind.LEAVE,), (EventKind.REST,))
+BORDERS = {
+    EventKind.LEAVE: {
+        "left": "on the left",
+        "right": "on the right",
+        "top": "at the top",
+        "bottom": "at the bottom",
+    },
+    EventKind.ENTER: {
+        "left": "from the left",
+        "right": "from the right",
+        "top": "from above",
+        "bottom": "from below",
+    },
+}
 VERBS = {
     EventKind.MOVING: ("moves", "move when the clip starts"),
-    EventKind.PUSH: ("is pushed", "are pushed"),
-    EventKind.PUSH_START: ("is pushed", "are pushed"),
-    EventKind.OUTSIDE: ("is outside the picture when the clip starts", ""),
-    EventKind.STAY: ("does not move in this clip", "do not move in this clip"),
+    EventKind.PUSH: ("is", "are pushed"),
     EventKind.MOVE: ("starts to move", "start to move"),
     EventKind.FALL: ("starts to fall", "start to fall"),
     EventKind.TIP: ("tips over", "tip over"),
-    EventKind.LEAVE: ("leaves", "leave the picture"),
-    EventKind.ENTER: ("comes into", "come into the picture"),
+    EventKind.LEAVE: ("leaves the picture", "leave the picture"),
+    EventKind.ENTER: ("comes into the picture", "come into the picture"),
     EventKind.REST: ("comes to rest", "come to rest"),
-    EventKind.GOES_ON: ("still moves when the clip ends", "still move when the clip ends"),
 }
 """Of one object, and of several in a caption."""
 UNITS = {
-    "time": "s of the motion",
+    "time, until": "s of the motion",
     "clip_time": "s of the clip as it plays",
-    "until": "s of the motion",
     "frame": "of the clip, from 0",
     "place": "px, +x right, +y down, (0, 0) the centre of the top-left pixel",
     "impulse": "g·px/s and N·s",
-    "direction": "unit vector: where the second pushes the first",
-    "vector": "a push: g·px/s (push) or g·px/s² (push_start, push_end); what moves: px/s",
+    "vector": "collision: where the second pushes the first, unit; push: g·px/s or g·px/s²; what moves: px/s",
     "torque": "g·px²/s², positive turns +x towards +y",
-    "speed": "px/s of the centres of mass",
     "closing": "px/s at which the two come together at the place where they meet",
-    "parting": "px/s at which they part there",
-    "far": "px of the photo: how far it comes from where it was, or its rim turns, at most in the clip",
 }
 
 
@@ -98,9 +80,11 @@ class ClipTimes:
     """Times of the motion as frames and seconds of the clip; of what is shown twice, the first time counts."""
 
     def __init__(self, clip: Clip) -> None:
-        self._times, self._order = clip.trajectory.times, clip.shot.order
-        self._fps, self._shot = clip.fps, clip.shot
+        self._times, self._order, self._fps = clip.trajectory.times, clip.shot.order, clip.fps
         self._backward = clip.scene.render.play is Play.BACKWARD
+        self._step = float(self._times[1] - self._times[0]) if len(self._times) > 1 else 1.0
+        self.pace = 1 / (clip.fps * self._step) if len(self._times) > 1 else 1.0
+        """s of the clip that a second of the motion takes."""
 
     def frame(self, time: float) -> int:
         """The first frame that shows the state after a moment of the motion; played backward, the state before it."""
@@ -113,25 +97,10 @@ class ClipTimes:
 
     def shown(self, time: float) -> float:
         """s from the clip's start as it plays; what comes after the last sample is not shown before the start."""
-        step = float(self._times[1] - self._times[0]) if len(self._times) > 1 else 1.0
-        samples = time / step
+        samples = time / self._step
         if self._backward:
             samples = max(len(self._times) - 1 - samples, 0.0)
         return samples / self._fps
-
-    def seen(self, at: Point, time: float) -> Point:
-        """px of the photo -> px of the video at a moment."""
-        x, y = (self._shot.affine(time) @ (*at, 1.0)).tolist()
-        return x, y
-
-
-@dataclass(frozen=True)
-class Clause:
-    """One sentence of the caption."""
-
-    text: str
-    events: tuple[int, ...]
-    """Indices of the events that it is made of."""
 
 
 @dataclass(frozen=True)
@@ -141,12 +110,8 @@ class Story:
     events: tuple[Event, ...]
     sentences: tuple[str, ...]
     """One an event."""
-    clauses: tuple[Clause, ...]
-
-    @property
-    def caption(self) -> str:
-        """The whole clip, on one line."""
-        return " ".join(clause.text for clause in self.clauses)
+    caption: str
+    """The whole clip, on one line."""
 
 
 def story(clip: Clip) -> Story:
@@ -154,192 +119,7 @@ def story(clip: Clip) -> Story:
     found = events(clip.world, clip.trajectory, clip.shot, clip.sampled)
     sentences = Sentences(clip)
     texts = tuple(map(sentences.of, found))
-    clauses = (*caption(found, texts, sentences), *_playing(clip, found))
-    return Story(found, texts, clauses)
-
-
-def pace(clip: Clip) -> float:
-    """s of the clip that a second of the motion takes."""
-    times = clip.trajectory.times
-    return 1 / (clip.fps * float(times[1] - times[0])) if len(times) > 1 else 1.0
-
-
-def noun(label: str) -> str:
-    """A label as it stands in a sentence; one that is more than a few words is quoted and can end no sentence.
-
-    >>> noun("a red ball"), noun("glass marble, blue"), noun("мяч"), noun("egg. It  explodes")
-    ('red ball', 'glass marble', 'мяч', '“egg. It explodes”')
-    """
-    text = " ".join("".join(" " if unicodedata.category(c)[0] in "CZ" else c for c in label).split())
-    short = re.sub(r"^(?:the|an?)\s+(?=\S)", "", re.split(r"\s*[,;(]", text)[0], flags=re.IGNORECASE)
-    plain = short and all(c in " '’-" or unicodedata.category(c)[0] in "LMN" for c in short)
-    if plain and len(short) <= STYLE.longest_noun:
-        return short
-    text = re.sub('[“”"]', "'", text)
-    return f"“{text if len(text) <= STYLE.longest_noun else text[: STYLE.longest_noun - 1].rstrip() + '…'}”"
-
-
-def _words(name: str) -> str:
-    """A name without its number: `ball-12` is a ball."""
-    return re.sub(r"[\s_-]*\d+$", "", name).replace("_", " ").replace("-", " ") or name
-
-
-class Sentences:
-    """One plain English sentence for each event; times are those of the clip as it plays."""
-
-    def __init__(self, clip: Clip) -> None:
-        names = [name for name, _ in clip.world.surfaces]
-        labels = [item.label.strip() for item in clip.scene.objects] + [""] * len(clip.world.walls)
-        nouns = [noun(label or _words(name)) for label, name in zip(labels, names, strict=True)]
-        count = Counter(nouns)
-        # objects of one label are called by their names
-        self._the = [f"the {n}" if count[n] == 1 else name for n, name in zip(nouns, names, strict=True)]
-        self.world, self._pace = clip.world, pace(clip)
-
-    def of(self, event: Event) -> str:
-        """In the present tense, with a full stop."""
-        one, *others = [self._the[k] for k in event.surfaces]
-        when = self.when(event.time)
-        match event.kind:
-            case EventKind.MOVING:
-                text = f"{one} {self._moves(event)} when the clip starts"
-            case EventKind.PUSH:
-                text = f"{one} is {self._pushed(event)} {when}"
-            case EventKind.PUSH_START:
-                text = f"{one} is {self._pushed(event)} {self._span(event)}"
-            case EventKind.PUSH_END:
-                text = f"the push on {one} ends {when}"
-            case EventKind.CONTACT:
-                text = f"{one} touches {others[0]} {self._span(event)}"
-            case EventKind.COLLISION:
-                text = self._collision(event, when)
-            case EventKind.FIRST_TOUCH:
-                text = f"{one} touches {others[0]} for the first time {when}"
-            case EventKind.LEAVE:
-                text = f"{one} leaves the picture {LEAVING[event.side]} {when}"
-            case EventKind.ENTER:
-                text = f"{one} comes into the picture {ENTERING[event.side]} {when}"
-            case EventKind.OUTSIDE | EventKind.STAY | EventKind.GOES_ON:
-                text = f"{one} {VERBS[event.kind][0]}"
-            case _:
-                text = f"{one} {VERBS[event.kind][0]} {when}"
-        return f"{text[:1].upper()}{text[1:]}."
-
-    def when(self, time: float) -> str:
-        """Of a moment of the motion, in s of the clip."""
-        shown = time * self._pace
-        return "at the start" if shown < STYLE.at_start else f"after {seconds(shown)}"
-
-    def _span(self, event: Event) -> str:
-        """`from the start on`, `from 0.2 s to 0.4 s`; where both read the same, the one moment."""
-        since = self.when(event.time)
-        until = None if event.until is None else self.when(event.until)
-        if until == since:
-            return f"for a moment {since}"
-        end = "on" if until is None else f"to {until.removeprefix('after ')}"
-        return f"from {since.removeprefix('after ').removeprefix('at ')} {end}"
-
-    def _towards(self, vector: Point) -> str:
-        """`to the right`, `up and to the left`."""
-        words = COMPASS[round(atan2(vector[1], vector[0]) / (pi / 4)) % 8]
-        if self.world.view is View.SIDE:
-            return words
-        return words.replace("up", "up the picture").replace("down", "down the picture")
-
-    def _moves(self, event: Event) -> str:
-        if event.vector is None or max(map(abs, event.vector)) < REST_SPEED:
-            return "turns"
-        return f"moves {self._towards(event.vector)}"
-
-    def _pushed(self, event: Event) -> str:
-        if event.vector is not None:
-            return f"pushed {self._towards(event.vector)}"
-        return "turned clockwise" if (event.torque or 0.0) > 0 else "turned counterclockwise"
-
-    def _collision(self, event: Event, when: str) -> str:
-        """The one that moves faster towards the other hits it; a wall never does."""
-        (first, second), (mine, its) = event.surfaces, event.nearing or (0.0, 0.0)
-        if second < len(self.world.bodies) and its > mine:
-            first, second = second, first
-        one, other = self._the[first], self._the[second]
-        if event.closing < REST_SPEED:  # the impulse passes through a contact that was there already
-            return f"{one} and {other} touch, and jolt each other {when}"
-        wall = second >= len(self.world.bodies)
-        bounces = wall and (event.parting or 0.0) > STYLE.bounce * event.closing
-        return f"{one} hits {other} {when}" + (" and bounces" if bounces else "")
-
-
-def caption(found: Sequence[Event], texts: Sequence[str], sentences: Sentences) -> tuple[Clause, ...]:
-    """Pushes and starts, then collisions, tips and picture borders, then ends; many of one kind are counted.
-
-    It is made of the sentences of events (`texts`) that are seen in the picture; never empty.
-    """
-    world = sentences.world
-    least = STYLE.seen_motion * max(world.size)
-    moving = {e.surfaces[0] for e in found if e.kind in STARTS and (e.far or 0.0) > least}
-    pushed = {e.surfaces[0] for e in found if e.kind in PUSHES}
-    seen = [k for k, event in enumerate(found) if event.kind in BORDERS or _in_picture(found, event)]
-    stayed = [k for k in seen if found[k].kind is EventKind.STAY]
-    if world.bodies and len(stayed) == len(world.bodies):
-        return (Clause("Nothing moves.", tuple(stayed)),)
-    clauses: list[Clause] = []
-    for kinds in CAPTION_ORDER:
-        which = [k for k in seen if found[k].kind in kinds]
-        if set(kinds) <= {*STARTS, *ENDS}:
-            which = [k for k in which if found[k].surfaces[0] in moving]
-        if set(kinds) <= set(STARTS):
-            which = [k for k in which if found[k].surfaces[0] not in pushed]
-        if kinds == (EventKind.COLLISION,):
-            which = _first_hits(found, which)
-        if not which:
-            continue
-        first, bodies = found[which[0]], {found[k].surfaces[0] for k in which}
-        if len(bodies) <= STYLE.few or first.kind is EventKind.COLLISION:
-            clauses += [Clause(texts[k], (k,)) for k in which[: STYLE.most]]
-        else:
-            times = [found[k].time for k in which]
-            last = f", the last one {sentences.when(max(times))}" if kinds in TIMED else ""
-            clauses.append(Clause(f"{len(bodies)} objects {VERBS[first.kind][1]}{last}.", tuple(which)))
-    ended = (*ENDS, EventKind.STAY)
-
-    def order(clause: Clause) -> tuple[bool, float]:
-        event = found[clause.events[0]]
-        return (True, 0.0) if event.kind in ended else (False, event.time)
-
-    return tuple(sorted(clauses, key=order)) or (Clause("Nothing happens in the picture.", ()),)
-
-
-def _first_hits(found: Sequence[Event], which: Sequence[int]) -> list[int]:
-    """The first collision of each pair that came together before it."""
-    pairs: dict[tuple[int, ...], int] = {}
-    for k in which:
-        if found[k].closing >= REST_SPEED:
-            pairs.setdefault(found[k].surfaces, k)
-    return list(pairs.values())
-
-
-def _in_picture(found: Sequence[Event], event: Event) -> bool:
-    """Whether all objects of an event are in the picture when it happens."""
-    for surface in event.surfaces:
-        passed = [
-            e.kind for e in found if e.kind in BORDERS and e.surfaces[0] == surface and e.time <= event.time
-        ]
-        if passed and passed[-1] is not EventKind.ENTER:
-            return False
-    return True
-
-
-def _playing(clip: Clip, found: Sequence[Event]) -> Iterator[Clause]:
-    """How the clip plays the motion, where it does not play it as it is."""
-    if all(event.kind in (EventKind.STAY, EventKind.CONTACT) for event in found):
-        return
-    play = {Play.BACKWARD: "backward", Play.THERE_AND_BACK: "forward, then backward"}
-    if clip.scene.render.play in play:
-        yield Clause(f"The clip shows this {play[clip.scene.render.play]}.", ())
-    slow = pace(clip)
-    if abs(slow - 1) > STYLE.same_speed:
-        factor = f"{slow:.2g} times slower" if slow >= 1 else f"{1 / slow:.2g} times faster"
-        yield Clause(f"The clip shows this {factor} than it happens.", ())
+    return Story(found, texts, caption(clip, found, texts))
 
 
 def seconds(time: float) -> str:
@@ -351,6 +131,108 @@ def seconds(time: float) -> str:
     return f"{time:.2f}".rstrip("0").rstrip(".") + " s"
 
 
+def noun(label: str, name: str) -> str:
+    """What an object is called: its label up to a comma, or the name where that is no few plain words.
+
+    >>> noun("a red ball", "ball-1"), noun("glass marble, blue", "m"), noun("egg. It explodes", "egg-12")
+    ('red ball', 'glass marble', 'egg')
+    """
+    text = re.sub(r"^(?:the|an?)\s+(?=\S)", "", label.split(",")[0].strip(), flags=re.IGNORECASE)
+    if text and len(text) <= STYLE.longest_noun and all(c.isalnum() or c in " '-" for c in text):
+        return text
+    return re.sub(r"[\s_-]*\d+$", "", name).replace("_", " ").replace("-", " ") or name
+
+
+class Sentences:
+    """One plain English sentence for each event; times are those of the clip as it plays."""
+
+    def __init__(self, clip: Clip) -> None:
+        names = [name for name, _ in clip.world.surfaces]
+        labels = [item.label for item in clip.scene.objects] + [""] * len(clip.world.walls)
+        nouns = [noun(label, name) for label, name in zip(labels, names, strict=True)]
+        count = Counter(nouns)
+        # objects of one label are called by their names
+        self._the = [f"the {n}" if count[n] == 1 else name for n, name in zip(nouns, names, strict=True)]
+        self._world, self._pace = clip.world, ClipTimes(clip).pace
+
+    def of(self, event: Event) -> str:
+        """In the present tense, with a full stop."""
+        one, *others = [self._the[k] for k in event.surfaces]
+        shown = event.time * self._pace
+        when = "at the start" if shown < STYLE.at_start else f"after {seconds(shown)}"
+        text = f"{one} {VERBS[event.kind][0]} {when}" if event.kind in VERBS else ""
+        if event.kind is EventKind.COLLISION:
+            text = f"{one} hits {others[0]} {when}"
+            if (
+                event.closing or 0.0
+            ) < REST_SPEED:  # the impulse passes through a contact that was there already
+                text = f"{one} and {others[0]} touch, and jolt each other {when}"
+        elif event.kind is EventKind.PUSH:
+            turned = "turned clockwise" if event.torque > 0 else "turned counterclockwise"
+            text = f"{one} is {f'pushed {self._towards(event.vector)}' if event.vector else turned} {when}"
+            if event.until is not None:
+                text += f", for {seconds((event.until - event.time) * self._pace)}"
+        elif event.kind in BORDERS:
+            text = f"{one} {VERBS[event.kind][0]} {BORDERS[event.kind][event.side]} {when}"
+        elif event.kind is EventKind.MOVING and event.vector is not None:
+            turns = max(map(abs, event.vector)) < REST_SPEED
+            text = (
+                f"{one} {'turns' if turns else f'moves {self._towards(event.vector)}'} when the clip starts"
+            )
+        return f"{text[:1].upper()}{text[1:]}."
+
+    def _towards(self, vector: Point) -> str:
+        """`to the right`, `up and to the left`."""
+        words = COMPASS[round(atan2(vector[1], vector[0]) / (pi / 4)) % 8]
+        if self._world.view is View.SIDE:
+            return words
+        return words.replace("up", "up the picture").replace("down", "down the picture")
+
+
+def caption(clip: Clip, found: Sequence[Event], texts: Sequence[str]) -> str:
+    """The sentences of events that are seen in the picture, in order of time; many of one kind are counted.
+
+    Of collisions, the first of each pair that came together before it; what is pushed moves, of course.
+    """
+    if not found:
+        return "Nothing moves."
+    pushed = {event.surfaces for event in found if event.kind is EventKind.PUSH}
+    chosen: list[tuple[float, str]] = []
+    for kind in EventKind:
+        which: dict[tuple[int, ...], int] = {}
+        for k, event in enumerate(found):
+            known = kind is EventKind.MOVE and event.surfaces in pushed
+            jolt = event.closing is not None and event.closing < REST_SPEED
+            if event.kind is kind and not known and not jolt and _in_picture(clip, event):
+                which.setdefault(tuple(sorted(event.surfaces)), k)
+        if len(which) <= STYLE.most or kind is EventKind.COLLISION:
+            chosen += [(found[k].time, texts[k]) for k in list(which.values())[: STYLE.most]]
+        else:
+            time = found[next(iter(which.values()))].time
+            chosen.append((time, f"{len(which)} objects {VERBS[kind][1]}."))
+    lines = [text for _, text in sorted(chosen, key=lambda pair: pair[0])]
+    play = {Play.BACKWARD: "backward", Play.THERE_AND_BACK: "forward, then backward"}
+    if clip.scene.render.play in play:
+        lines.append(f"The clip shows this {play[clip.scene.render.play]}.")
+    slow = ClipTimes(clip).pace
+    if abs(slow - 1) > STYLE.same_speed:
+        factor = f"{slow:.2g} times slower" if slow >= 1 else f"{1 / slow:.2g} times faster"
+        lines.append(f"The clip shows this {factor} than it happens.")
+    return " ".join(lines)
+
+
+def _in_picture(clip: Clip, event: Event) -> bool:
+    """Whether an event is seen."""
+    (x, y), (width, height) = _place_seen(clip, event), clip.size
+    return event.kind in BORDERS or (0 <= x < width and 0 <= y < height)
+
+
+def _place_seen(clip: Clip, event: Event) -> Point:
+    """px of the video."""
+    x, y = (clip.shot.affine(event.time) @ (*event.at, 1.0)).tolist()
+    return x, y
+
+
 class Events(Writer):
     """`events.json`, and `caption.txt` with the caption alone."""
 
@@ -359,10 +241,9 @@ class Events(Writer):
 
     def close(self) -> None:
         """Write both files."""
-        clip, found = self._clip, self._clip.shared(story)
-        rows = [_event_json(clip, k, event) for k, event in enumerate(found.events)]
+        clip, found = self._clip, story(self._clip)
         about = {
-            "version": 1,
+            "version": 2,
             "clip": clip.name,
             "frames": clip.count,
             "fps": clip.fps,
@@ -375,43 +256,34 @@ class Events(Writer):
             ],
             "boundaries": [wall.name for wall in clip.world.walls],
             "caption": found.caption,
-            "sentences": [{"text": clause.text, "events": list(clause.events)} for clause in found.clauses],
-            "events": rows,
+            "events": [
+                _event_json(clip, event, text)
+                for event, text in zip(found.events, found.sentences, strict=True)
+            ],
         }
         write_json(self._folder / "events.json", about)
         (self._folder / "caption.txt").write_text(found.caption + "\n", encoding="utf-8")
 
 
-def _event_json(clip: Clip, k: int, event: Event) -> dict[str, Any]:
+def _event_json(clip: Clip, event: Event, text: str) -> dict[str, Any]:
     """An event as JSON, without empty fields."""
-    times, names, N = ClipTimes(clip), [name for name, _ in clip.world.surfaces], len(clip.world.bodies)
+    times, names = ClipTimes(clip), [name for name, _ in clip.world.surfaces]
+    impulse = event.impulse
     row: dict[str, Any] = {
-        "id": k,
         "kind": event.kind.value,
         "time": event.time,
         "clip_time": times.shown(event.time),
         "until": event.until,
         "frame": times.frame(event.time),
         "who": [names[k] for k in event.surfaces],
-        "objects": [names[k] for k in event.surfaces if k < N],
-        "boundaries": [names[k] for k in event.surfaces if k >= N],
+        "place": {"photo": list(event.at), "video": list(_place_seen(clip, event))},
+        "impulse": None
+        if impulse is None
+        else {"g_px_s": impulse, "N_s": clip.scale.newton_seconds(impulse)},
+        "vector": None if event.vector is None else list(event.vector),
+        "torque": event.torque or None,
+        "closing": event.closing,
+        "side": event.side or None,
+        "text": text,
     }
-    if event.at is not None:
-        row["place"] = {"photo": list(event.at), "video": list(times.seen(event.at, event.time))}
-    if event.impulse is not None:
-        newton = clip.scale.newton_seconds(event.impulse)
-        row["impulse"] = {"g_px_s": event.impulse, "N_s": newton}
-    if event.vector is not None:
-        row["direction" if event.nearing is not None else "vector"] = list(event.vector)
-    if event.nearing is not None:
-        row["speed"] = {"before": list(event.before), "after": list(event.after)}
-        row |= {"closing": event.closing, "parting": event.parting}
-    if event.torque is not None:
-        row["torque"] = event.torque
-    if event.far is not None:
-        row["far"] = event.far
-    if event.side:
-        row["side"] = event.side
-    return {key: value for key, value in row.items() if value is not None} | {
-        "text": clip.shared(story).sentences[k]
-    }
+    return {key: value for key, value in row.items() if value is not None}

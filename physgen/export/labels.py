@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from physgen.compile.world import World
 from physgen.export.correspondence import BallTurn, PosedView, is_still, similarity, spans, turns_in_space
-from physgen.export.masks import Extent, Presence, amodal_box, presences
 from physgen.maps import Percepts
 from physgen.render.camera import Shot
 from physgen.render.stage import Cover, Frame, Slices
@@ -40,12 +39,7 @@ Codes = NDArray[np.integer[Any] | np.floating[Any]]
 
 def write_png(path: Path, picture: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
     """(H, W) or (H, W, 3) in the order R, G, B; 8 or 16 bits. Raises OSError."""
-    path.write_bytes(png(picture))
-
-
-def png(picture: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes | memoryview:
-    """The bytes of the file. Raises OSError."""
-    return png_of_bgr(picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+    path.write_bytes(png_of_bgr(picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)))
 
 
 def png_of_bgr(bgr: Codes) -> bytes | memoryview:
@@ -92,10 +86,81 @@ F32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 U8 = NDArray[np.uint8]
 U16 = NDArray[np.uint16]
-T = TypeVar("T")
+Box = tuple[int, int, int, int]
+"""First column, first row, width and height, px."""
 
 OMITTED = 65535
 """Id of objects of the photo that the scene leaves out, and of pixels outside a frame: no body has it."""
+
+
+@dataclass(frozen=True)
+class Presence:
+    """One body that reaches into a frame."""
+
+    body: int
+    box: Box
+    """The smallest that holds all of the body inside the frame."""
+    whole: Mask
+    """(h, w) on the box: hidden parts included."""
+    seen: Mask
+    """(h, w) on the box: the visible part."""
+
+    @cached_property
+    def whole_area(self) -> int:
+        """px²."""
+        return int(np.count_nonzero(self.whole))
+
+    @cached_property
+    def seen_area(self) -> int:
+        """px²; 0 where the body is hidden completely."""
+        return int(np.count_nonzero(self.seen))
+
+    @property
+    def visible(self) -> float:
+        """Visible share of what is in the frame, 0..1."""
+        return self.seen_area / self.whole_area
+
+    @cached_property
+    def seen_box(self) -> Box:
+        """The smallest that holds the visible part; width and height are 0 where there is none."""
+        x, y, w, h = _bounding_box(self.seen)
+        return self.box[0] + x, self.box[1] + y, w, h
+
+
+def presences(covers: Iterable[Cover], ids: NDArray[np.uint16]) -> list[Presence]:
+    """One for each body that covers a pixel, in the order of the ids; visible pixels always belong to their body."""
+    parts: dict[int, list[Cover]] = {}
+    for cover in covers:
+        if cover.mask.size:
+            parts.setdefault(cover.body, []).append(cover)
+    found = []
+    for body, some in sorted(parts.items()):
+        (rows, columns), mask = _joined(some)
+        seen = ids[rows, columns] == body + 1
+        whole = mask | seen
+        x, y, w, h = _bounding_box(whole)
+        if w:
+            own = np.s_[y : y + h, x : x + w]
+            found.append(Presence(body, (columns.start + x, rows.start + y, w, h), whole[own], seen[own]))
+    return found
+
+
+def _joined(covers: Sequence[Cover]) -> tuple[tuple[slice, slice], Mask]:
+    """One box and mask (h, w) of all of them."""
+    if len(covers) == 1:
+        return covers[0].box, covers[0].mask
+    top, left = (min(c.box[axis].start for c in covers) for axis in (0, 1))
+    bottom, right = (max(c.box[axis].stop for c in covers) for axis in (0, 1))
+    mask = np.zeros((bottom - top, right - left), bool)
+    for cover in covers:
+        rows, columns = cover.box
+        mask[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left] |= cover.mask
+    return np.s_[top:bottom, left:right], mask
+
+
+def _bounding_box(mask: Mask) -> Box:
+    x, y, w, h = cv2.boundingRect(mask.view(np.uint8))
+    return x, y, w, h
 
 
 @dataclass(frozen=True)
@@ -122,11 +187,6 @@ class View(PosedView):
     def jpeg(self) -> bytes | memoryview:
         """The frame as a JPEG file, encoded once for all formats."""
         return jpeg(self.rgb)
-
-    @cached_property
-    def png(self) -> bytes | memoryview:
-        """The frame as a PNG file, lossless."""
-        return png(self.rgb)
 
     @cached_property
     def boxes(self) -> Mapping[int, Slices]:
@@ -176,8 +236,6 @@ class Clip:
     """A sample a frame, played forward."""
     maps: Percepts | None
     """Of the photo; None without one."""
-    extents: Sequence[Extent | None]
-    """Of the bodies; None where nothing of one is drawn."""
     size: tuple[int, int]
     """Width and height of the frames, px."""
     fps: float
@@ -192,19 +250,6 @@ class Clip:
     """The same motion at other times (T,) s, rising; None: it is simulated again."""
     stood: U16 = field(default_factory=lambda: np.zeros((0, 0), np.uint16), repr=False)
     """(H, W) of the photo at t = 0: ids of the bodies, and `OMITTED`; empty without a photo."""
-    _shared: dict[Any, Any] = field(default_factory=dict, repr=False, compare=False)
-
-    def shared(self, make: Callable[[Clip], T]) -> T:
-        """`make(self)`, computed once for all formats that need it."""
-        if make not in self._shared:
-            self._shared[make] = make(self)
-        found: T = self._shared[make]
-        return found
-
-    def amodal(self, view: View, presence: Presence) -> tuple[tuple[float, float, float, float], float]:
-        """`masks.amodal_box` of a body in a view."""
-        body = presence.body
-        return amodal_box(self.extents[body], view.poses[body], view.lens, view.size, presence)
 
     @cached_property
     def names(self) -> tuple[str, ...]:

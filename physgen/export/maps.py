@@ -1,4 +1,4 @@
-"""Depth, normals, albedo and shading of each frame, made from the maps of the photo, as 16-bit PNG."""
+"""Depth, normals and albedo of each frame, made from the maps of the photo, as 16-bit PNG."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from physgen.export.correspondence import (
     spans,
     turns_in_space,
 )
-from physgen.export.labels import Clip, Moment, View, Writer, png_of_bgr, write_png, write_scale
+from physgen.export.labels import Clip, Moment, View, Writer, write_png, write_scale
 from physgen.maps import Percepts
 from physgen.perceive.inpaint.poisson import dilate, harmonic_fill
 from physgen.photometry import decode
@@ -131,7 +131,7 @@ class Layers:
         ball = BallTurn.between(body, view, self._photo, self._world)
         if body not in self._skins:
             self._skins[body] = part.extended(ball.to, LIMITS.ball_rim * ball.radius * ball.scale)
-        return self._skins[body].at(*ball.origin(*spans(box)))
+        return self._skins[body].at(*ball.carried(*spans(box))[:2])
 
     def _ground_seen(self, lens: Array) -> U16:
         """The background through the camera; computed again only when the camera has moved."""
@@ -193,8 +193,6 @@ class MapCodes:
     """Linear light added before ratios are formed: below it they are noise."""
     most_albedo: float = 8.0
     """Largest ratio of albedo to the background's light: shadows are about as deep."""
-    most_shading: float = 16.0
-    """Of full light, code 65535: dark paint beside a highlight. Half a step is 0.4 grey levels at most."""
     zero: int = 32768
     unit: int = 32767
     """Codes of a normal's component: 0, and by how much 1 is larger."""
@@ -203,31 +201,6 @@ class MapCodes:
 
 
 CODES = MapCodes()
-
-LINEAR = decode(np.arange(256, dtype=np.uint8))
-"""Linear light of the codes of sRGB."""
-
-
-class AlbedoViews:
-    """The albedo of views, for a photo with an albedo map; it turns with objects, and with balls in space.
-
-    Behind objects it is the filled background times the ratio of albedo to background beside them, so that the
-    background's pattern goes on.
-    """
-
-    def __init__(self, clip: Clip) -> None:
-        assert clip.maps is not None
-        assert clip.maps.albedo is not None
-        albedo = clip.maps.albedo
-        ground, parts = _ground(clip.maps, albedo, unknown_ground(clip)), parts_of(albedo[..., ::-1], clip)
-        self._layers = Layers(clip, np.ascontiguousarray(ground[..., ::-1]), parts, albedo_codes)
-        self._last: tuple[View, U16] | None = None
-
-    def of(self, view: View) -> U16:
-        """(h, w, 3), 65535 = 1, in OpenCV's order, B, G, R; two formats use the last one."""
-        if self._last is None or self._last[0] is not view:
-            self._last = view, self._layers.composed(view, self._layers.rolled)
-        return self._last[1]
 
 
 def _ground(maps: Percepts, albedo: F32, where: Mask) -> F32:
@@ -247,44 +220,24 @@ def albedo_codes(albedo: F32) -> U16:
 
 
 class Albedo(Writer):
-    """`00000.png` ...: linear, 65535 = 1; a pixel has the albedo of the one object that its id names."""
+    """`00000.png` ...: linear, 65535 = 1; a pixel has the albedo of the one object that its id names.
+
+    It turns with objects, and with balls in space. Behind objects it is the filled background times the ratio of
+    albedo to background beside them, so that the background's pattern goes on.
+    """
 
     def __init__(self, folder: Path, clip: Clip) -> None:
-        self._folder, self._albedo = folder, clip.shared(AlbedoViews)
+        assert clip.maps is not None
+        assert clip.maps.albedo is not None
+        albedo = clip.maps.albedo
+        ground = _ground(clip.maps, albedo, unknown_ground(clip))
+        self._folder, self._layers = folder, Layers(clip, ground, parts_of(albedo, clip), albedo_codes)
         write_scale(folder, {"at_0": 0.0, "at_65535": 1.0, "light": "linear"})
 
     def add(self, moment: Moment) -> None:
         """One file a frame."""
-        (self._folder / f"{moment.view.index:05d}.png").write_bytes(png_of_bgr(self._albedo.of(moment.view)))
-
-
-class Shading(Writer):
-    """`00000.png` ...: the frame's linear light over its albedo, channel by channel; 0 where albedo is 0.
-
-    Albedo times shading is the frame again, with shadows, highlights and soft borders.
-    """
-
-    def __init__(self, folder: Path, clip: Clip) -> None:
-        self._folder, self._albedo = folder, clip.shared(AlbedoViews)
-        width, height = clip.size
-        self._light = np.empty((height, width, 3), np.float32)
-        self._codes = np.empty((height, width, 3), np.uint16)
-        scale = {"at_0": 0.0, "at_65535": CODES.most_shading, "light": "linear", "frame": "albedo x shading"}
-        write_scale(folder, scale)
-
-    def add(self, moment: Moment) -> None:
-        """One file a frame."""
-        view = moment.view
-        bgr = np.asarray(cv2.cvtColor(view.rgb, cv2.COLOR_RGB2BGR), np.uint8)
-        cv2.LUT(bgr, LINEAR, self._light)
-        cv2.divide(
-            self._light,
-            self._albedo.of(view),
-            self._codes,
-            CODES.full * CODES.full / CODES.most_shading,
-            cv2.CV_16U,
-        )
-        (self._folder / f"{view.index:05d}.png").write_bytes(png_of_bgr(self._codes))
+        codes = self._layers.composed(moment.view, self._layers.rolled)
+        write_png(self._folder / f"{moment.view.index:05d}.png", codes)
 
 
 class Depth(Writer):

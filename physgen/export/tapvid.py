@@ -11,13 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from typing import IO, Any
-from zipfile import ZipFile, ZipInfo
+from typing import Any
 from zlib import compress, decompress
 
 import cv2
 import numpy as np
-from numpy.lib import format as npy
+from numpy.lib.format import open_memmap
 from numpy.typing import NDArray
 
 from physgen.compile.world import World
@@ -77,21 +76,21 @@ class Points:
 class Tapvid(Writer):
     """The video is written frame by frame; of each view only the poses and the compressed ids are kept."""
 
-    def __init__(self, folder: Path, clip: Clip, points: int = LIMITS.points) -> None:
-        self._clip, self._most = clip, points
+    def __init__(self, folder: Path, clip: Clip) -> None:
+        self._folder, self._clip = folder, clip
         self._lenses: list[Array] = []
         self._poses: list[Array] = []
         self._spaces: list[Array] = []
         self._ids: list[bytes] = []
         self._areas: list[Array] = []
         width, height = clip.size
-        self._zip = _Archive(folder / "tapvid.npz", "w")
-        self._video = _open_array(self._zip, "video", np.dtype(np.uint8), (clip.count, height, width, 3))
+        self._frames = folder / "video.npy"
+        self._video = open_memmap(self._frames, "w+", np.uint8, (clip.count, height, width, 3))
 
     def add(self, moment: Moment) -> None:
         """Writes the frame, keeps poses and ids."""
         view = moment.view
-        self._video.write(np.ascontiguousarray(view.rgb).data)
+        self._video[view.index] = view.rgb
         self._ids.append(compress(view.ids.tobytes(), 1))
         self._areas.append(
             np.bincount(view.ids.ravel(), minlength=len(self._clip.names) + 1).astype(np.float64)
@@ -103,7 +102,6 @@ class Tapvid(Writer):
 
     def close(self) -> None:
         """Points are drawn, and their tracks written."""
-        self._video.close()
         spaces = np.stack(self._spaces) if self._spaces else None
         camera = CameraPath(np.stack(self._lenses), np.stack(self._poses), spaces)
         points = self._drawn()
@@ -119,10 +117,9 @@ class Tapvid(Writer):
             "names": np.array(["background", *self._clip.names]),
             "fps": np.array(self._clip.fps),
         }
-        for name, array in arrays.items():
-            with _open_array(self._zip, name, array.dtype, array.shape) as file:
-                file.write(np.ascontiguousarray(array).tobytes())
-        self._zip.close()
+        np.savez(self._folder / "tapvid.npz", video=self._video, allow_pickle=False, **arrays)
+        del self._video
+        self._frames.unlink()
 
     def _map(self, frame: int) -> U16:
         """(H, W) ids of a frame."""
@@ -134,7 +131,7 @@ class Tapvid(Writer):
         rng = np.random.default_rng(int.from_bytes(sha256(self._clip.name.encode()).digest()[:8], "big"))
         areas = np.stack(self._areas)
         totals = areas.sum(axis=0)
-        numbers = point_counts(totals, self._most)
+        numbers = point_counts(totals, LIMITS.points)
         owners = np.repeat(np.arange(len(totals)), numbers)
         frames = np.concatenate(
             [rng.choice(len(areas), n, p=areas[:, k] / totals[k]) for k, n in enumerate(numbers) if n]
@@ -158,22 +155,6 @@ class Tapvid(Writer):
         place = np.where(inside, row * width + column, 0)
         seen = np.stack([self._map(t).ravel()[place[:, t]] for t in range(len(self._ids))], axis=1)
         return np.asarray(inside & (seen == points.body[:, None] + 1))
-
-
-class _Archive(ZipFile):
-    """One that may stay unfinished when a clip fails: its folder is removed then."""
-
-    def __del__(self) -> None:
-        """ZipFile would complain about an open member."""
-
-
-def _open_array(archive: ZipFile, name: str, kind: np.dtype[Any], shape: tuple[int, ...]) -> IO[bytes]:
-    """An array of an npz, to be written piece by piece; without the date, so that bytes are reproducible."""
-    entry = ZipInfo(f"{name}.npy", (1980, 1, 1, 0, 0, 0))
-    entry.file_size = int(np.prod(shape, dtype=np.int64)) * kind.itemsize + 1024  # an upper bound, for zip64
-    file = archive.open(entry, "w")
-    npy.write_array_header_1_0(file, {"descr": kind.str, "fortran_order": False, "shape": shape})
-    return file
 
 
 def tracked(points: Points, camera: CameraPath, world: World) -> tuple[Array, Mask]:

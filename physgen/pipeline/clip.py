@@ -119,7 +119,6 @@ class Labels:
             return
         from physgen.export.formats import open_writers
         from physgen.export.labels import Clip, MomentQueue, starting_labels
-        from physgen.export.masks import extents
         from physgen.report.record import StageTime
 
         shot, scene, compiled = film.shot(trajectory), film.scene, film.compiled
@@ -130,7 +129,6 @@ class Labels:
             compiled.world,
             trajectory,
             self.maps,
-            extents(film.stage, compiled.world),
             scene.video_size,
             scene.render.fps,
             len(shot.order),

@@ -39,7 +39,6 @@ def clip_of(path: Path, edits: Sequence[str] = (), variant: str | None = None) -
         compiled.world,
         trajectory,
         None,
-        (),
         size,
         fps,
         len(shot.order),
@@ -51,6 +50,6 @@ def happened(told: Clip, kind: EventKind, who: str | None = None) -> list[Event]
     names = [name for name, _ in told.world.surfaces]
     return [
         event
-        for event in told.shared(story).events
+        for event in story(told).events
         if event.kind is kind and (who is None or who in [names[k] for k in event.surfaces])
     ]

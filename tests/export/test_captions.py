@@ -24,7 +24,7 @@ PUSH = "forces=[{object: cup, impulse: [8000, 0]}]"
 
 
 def caption(told: Clip) -> str:
-    return told.shared(story).caption
+    return story(told).caption
 
 
 def test_the_caption_is_made_of_the_sentences_of_events(tmp_path: Path) -> None:
@@ -69,28 +69,14 @@ def test_what_happens_outside_the_picture_is_not_in_the_caption(tmp_path: Path) 
         "The red ball moves to the right when the clip starts. "
         "The red ball leaves the picture on the right after 0.25 s."
     )
-    assert "The can is outside the picture when the clip starts." in told.shared(story).sentences
 
 
-HOSTILE = [
-    "ball. The can explodes",
-    'a "ball" \n\nIgnore what was said',
-    "\u202eball\u202c",
-    "b" * 200,
-    "<b>ball</b>",
-    "=cmd()",
-    "ball” The can explodes “",
-]
-
-
-@pytest.mark.parametrize("label", HOSTILE)
-def test_a_label_is_text_and_says_nothing(tmp_path: Path, label: str) -> None:
+@pytest.mark.parametrize(
+    "label", ["ball. The can explodes", "\u202eball\u202c", "b" * 200, "<b>ball</b>", "=cmd()"]
+)
+def test_a_label_that_is_no_few_words_is_not_in_sentences(tmp_path: Path, label: str) -> None:
     told = clip(tmp_path, CAN.replace("a red ball", json.dumps(label)), TABLE)
-    shown = re.findall("“[^”]*”|ball", caption(told))[0]
-    assert len(shown) <= 42
-    assert caption(told) == caption(clip(tmp_path, CAN, TABLE)).replace("red ball", shown)
-    assert all(text.isprintable() for text in (caption(told), *told.shared(story).sentences))
-    assert shown == "ball" or shown[0] + shown[-1] == "“”"
+    assert caption(told) == caption(clip(tmp_path, CAN, TABLE)).replace("red ball", "ball")
 
 
 # What a sentence claims is looked up in the trajectory, not in the events
@@ -134,21 +120,15 @@ def test_every_claim_about_a_bundled_scene_is_true(bundled: Path, scene: str, va
     if variant == "too-gentle":
         assert fallen == 0
         assert "over" not in caption(told)
-        assert "The glazed bottle does not move in this clip." in caption(told)
+        assert "The glazed bottle" not in caption(told)
 
 
 def judged(told: Clip) -> None:
-    """Each sentence of one event, and each of the caption."""
+    """Each sentence of one event."""
     names = [name for name, _ in told.world.surfaces]
-    for event, text in zip(told.shared(story).events, told.shared(story).sentences, strict=True):
-        if " and " not in text:
+    for event, text in zip(story(told).events, story(told).sentences, strict=True):
+        if " and " not in text and event.time <= told.trajectory.times[-1]:
             claim(told, text, [names[k] for k in event.surfaces])
-    for clause in told.shared(story).clauses:
-        if not clause.events:
-            assert clause.text.startswith("The clip shows this")
-            continue
-        who = {names[k] for number in clause.events for k in told.shared(story).events[number].surfaces}
-        claim(told, clause.text, sorted(who))
 
 
 def claim(told: Clip, text: str, who: list[str]) -> None:
@@ -160,7 +140,7 @@ def claim(told: Clip, text: str, who: list[str]) -> None:
     moved = np.hypot(*np.moveaxis(seen.poses[:, bodies, :2] - seen.poses[0, bodies, :2], -1, 0)).max(axis=0)
     turned = np.abs(seen.poses[:, bodies, 2]).max(axis=0)
     speed = np.hypot(*np.moveaxis(seen.velocities[:, bodies, :2], -1, 0))
-    if " hits " in text or " hit " in text:
+    if " hits " in text:
         surfaces = list(seen.contacts.surfaces)
         pairs = [
             (begin, end)
@@ -170,17 +150,13 @@ def claim(told: Clip, text: str, who: list[str]) -> None:
             if {surfaces[one], surfaces[other]} <= set(who)
         ]
         assert any(begin - HALF - 0.01 <= when[0] <= end + HALF + 0.01 for begin, end in pairs), text
-    if " over" in text or "tilt" in text:
+    if " over" in text:
         assert (turned > np.pi / 4 - 0.1).any(), text
-    if "does not move" in text or "do not move" in text or text == "Nothing moves.":
-        assert moved.max() < 1.01, text
-    if "comes to rest" in text or "come to rest" in text:
+    if "comes to rest" in text:
         rest = int(np.searchsorted(seen.times, when[-1] + HALF / pace + 1e-6))
         assert speed[min(rest, len(speed) - 1) :].max() < 1, text
         assert moved.min() > 0, text
-    if "still move" in text:
-        assert (speed[-12:].max(axis=0) > 0.2).all(), text
-    if "leaves the picture" in text or "leave the picture" in text:
+    if "leaves the picture" in text:
         side = 0 if "left" in text or "right" in text else 1
         assert (
             np.abs(seen.poses[:, bodies, side] - told.size[side] / 2).max(axis=0) > told.size[side] / 2
@@ -188,6 +164,4 @@ def claim(told: Clip, text: str, who: list[str]) -> None:
     for word, sign in (("to the right", 1), ("to the left", -1)):
         if f"moves {word}" in text or f"pushed {word}" in text:
             assert (sign * (seen.poses[3, bodies, 0] - seen.poses[0, bodies, 0]) > 0).all(), text
-    if count := re.match(r"(\d+) objects ", text):
-        assert len(bodies) == int(count[1]), text
     assert re.fullmatch(r"[A-Z0-9“].*[^.]\.", text), text

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from physgen.cli.main import main
-from physgen.export.flow import GONE, HIDDEN, SEEN
+from physgen.export.flow import HIDDEN, SEEN
 from physgen.simulate.trajectory import read_trajectory
 
 F32 = NDArray[np.float32]
@@ -29,13 +29,6 @@ def seen(folder: Path, way: str = "forward") -> list[np.ndarray]:
 
 def frames(folder: Path) -> list[np.ndarray]:
     return [cv2.imread(str(path))[:, :, ::-1] for path in sorted((folder / "frames").glob("*.png"))]
-
-
-def kitti(path: Path) -> tuple[F32, np.ndarray]:
-    """As the devkit's readme says: (I - 2^15) / 64 of the first two channels; the third says what counts."""
-    picture = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)[:, :, ::-1]
-    assert picture.dtype == np.uint16
-    return (picture[..., :2].astype(np.float32) - 2**15) / 64, picture[..., 2] == 1
 
 
 def warped(picture: np.ndarray, moved: F32) -> np.ndarray:
@@ -96,23 +89,6 @@ def test_flow_is_the_motion_of_the_poses(export) -> None:
             want = there - complex(column, row)
             assert moved[row, column] == pytest.approx([want.real, want.imag], abs=1e-4)
         assert (moved[0, 0] == 0).all()
-
-
-def test_kitti_holds_the_same_to_the_128th_of_a_pixel(export) -> None:
-    folder = export("side", "flo,kitti", "objects.ball.velocity=[3000, 0]")
-    gone = 0
-    for way, home in (("forward", folder / "kitti"), ("backward", folder / "kitti" / "backward")):
-        for path in sorted((home / "flow_occ").glob("*.png")):
-            k = int(path.name[:6])
-            moved = cv2.readOpticalFlow(str(folder / "flo" / way / f"{k:05d}.flo"))
-            told = cv2.imread(str(folder / "flo" / "visible" / way / f"{k:05d}.png"), cv2.IMREAD_UNCHANGED)
-            every, counts = kitti(path)
-            assert counts.all()
-            assert np.abs(every - moved).max() <= 1 / 128
-            _, not_hidden = kitti(home / "flow_noc" / path.name)
-            np.testing.assert_array_equal(not_hidden, told == SEEN)
-            gone += int((told == GONE).sum())
-    assert gone > 0  # some pixels have left the picture, and their flow is told all the same
 
 
 def test_what_is_hidden_is_hidden_by_somebody(export) -> None:

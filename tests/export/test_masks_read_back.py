@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import json
 import shutil
 
 import numpy as np
@@ -28,7 +27,7 @@ QUIET |= {
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory) -> Labelled:
     home = tmp_path_factory.mktemp("masks")
-    return labelled(hall(home), home / "out", "frames,coco,davis,youtubevos")
+    return labelled(hall(home), home / "out", "frames,coco,davis")
 
 
 def test_coco_masks_are_the_ids(clip: Labelled) -> None:
@@ -64,29 +63,13 @@ def test_coco_scores_itself_as_perfect(clip: Labelled, how: str) -> None:
     assert judge.stats[0] == judge.stats[8] == approx(1)
 
 
-@pytest.mark.parametrize("masks", ["davis/Annotations/Full-Resolution", "youtubevos/Annotations"])
-def test_palettes_hold_ids(clip: Labelled, masks: str) -> None:
+def test_palettes_hold_ids(clip: Labelled) -> None:
     for frame, ids in enumerate(clip.ids):
-        picture = Image.open(clip.folder / masks / "hall" / f"{frame:05d}.png")
+        picture = Image.open(clip.folder / "davis/Annotations/Full-Resolution/hall" / f"{frame:05d}.png")
         assert picture.mode == "P"
         assert np.array_equal(np.asarray(picture), ids)
         # red, green, yellow, blue: what every tool for DAVIS shows them as
         assert picture.getpalette()[:15] == [0, 0, 0, 128, 0, 0, 0, 128, 0, 128, 128, 0, 0, 0, 128]
-
-
-def test_youtubevos_says_where_things_are_seen(clip: Labelled) -> None:
-    told = json.loads((clip.folder / "youtubevos/meta.json").read_text())["videos"]["hall"]["objects"]
-    labels = [item.label for item in clip.filming.scene.objects]
-    seen = {
-        str(k + 1): {
-            "category": label,
-            "frames": [f"{t:05d}" for t, i in enumerate(clip.ids) if (i == k + 1).any()],
-        }
-        for k, label in enumerate(labels)
-    }
-    assert told == {track: row for track, row in seen.items() if row["frames"]}
-    shown = [path.stem for path in sorted((clip.folder / "youtubevos/JPEGImages/hall").iterdir())]
-    assert shown == [f"{t:05d}" for t in range(8)]
 
 
 def test_davis_is_scored_as_true_and_a_wrong_mask_is_not(clip: Labelled, tmp_path) -> None:

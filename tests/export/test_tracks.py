@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from PIL import Image
 
 from physgen.simulate.trajectory import read_trajectory
 
@@ -58,9 +59,10 @@ class Read:
 
 
 def shown(folder: Path) -> NDArray[np.uint16]:
-    """(T, H, W) who is where: ranks, which are ids where nobody is given a layer."""
-    paths = sorted((folder / "order").glob("*.png"))
-    return np.stack([cv2.imread(str(path), cv2.IMREAD_UNCHANGED) for path in paths])
+    """(T, H, W) ids: who is where."""
+    return np.stack(
+        [np.asarray(Image.open(path)) for path in sorted((folder / "davis").rglob("Annotations/**/*.png"))]
+    )
 
 
 def test_the_file_is_what_tap_vid_readers_expect(export) -> None:
@@ -114,7 +116,7 @@ def test_tracks_are_the_motion_of_the_poses(edits: tuple, export) -> None:
 @pytest.mark.parametrize("case", [("side", ()), ("side", (CAMERA,)), ("top", ())])
 def test_tracks_are_where_flow_leads(case: tuple, export) -> None:
     scene, edits = case
-    folder = export(scene, "tapvid,flo,order", *edits)
+    folder = export(scene, "tapvid,flo,davis", *edits)
     read, ids = Read(folder), shown(folder)
     flows = [cv2.readOpticalFlow(str(path)) for path in sorted((folder / "flo" / "forward").glob("*.flo"))]
     count, longest = 0, 0
@@ -140,9 +142,8 @@ def test_tracks_are_where_flow_leads(case: tuple, export) -> None:
 
 
 def test_points_are_queried_on_their_things_and_hidden_by_others(export) -> None:
-    folder = export("side", "tapvid,order", *PASSING)
-    read, ranks = Read(folder), shown(folder)
-    ids = np.array([0, CRATE, BALL], np.uint16)[ranks]  # the ball is drawn last
+    folder = export("side", "tapvid,davis", *PASSING)
+    read, ids = Read(folder), shown(folder)
     hidden = 0
     for k, owner in enumerate(read.object):
         for t in range(len(ids)):
