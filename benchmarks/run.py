@@ -5,7 +5,6 @@
     python benchmarks/run.py physics         # the physics scorecard, its page and the scenes of its first draws
     python benchmarks/run.py rivals          # the same rows in other engines, beside ours; some minutes
     python benchmarks/run.py fidelity        # frames against the studio's truth videos, and docs/fidelity.md
-    python benchmarks/run.py device          # what draws frames: OpenCV, torch on the processor, torch on a GPU if any
     python benchmarks/run.py gallery         # pages of 1,000 and 5,000 clips in headless Chromium
     python benchmarks/run.py batch           # many clips: throughput, what each costs beside its stages, memory
     python benchmarks/run.py cluster         # a Dask cluster against processes, and a worker killed midway
@@ -31,9 +30,6 @@ import platform
 import subprocess
 import sys
 import tempfile
-import time
-from collections import deque
-from functools import partial
 from pathlib import Path
 
 import cv2
@@ -70,8 +66,6 @@ from physgen.evaluate import fidelity
 from physgen.perceive.perceive import perceive
 from physgen.perceive.segment.prompts import from_masks
 from physgen.photometry import decode, luminance
-from physgen.render.stage import Stage
-from physgen.simulate.trajectory import Trajectory
 
 ROOT = Path(__file__).resolve().parent.parent
 BUNDLED = ("billiards", "dominoes")
@@ -115,39 +109,6 @@ def render(folder: Path) -> list[dict]:
                     "video_kib": round((run / "video.mp4").stat().st_size / 1024),
                 }
             )
-    return rows
-
-
-def device(folder: Path) -> list[dict]:
-    """Milliseconds a frame by what draws it, the least of four runs; None where there is no GPU."""
-    import torch
-
-    from physgen.render.stage import sprite_poses
-    from physgen.render.torch_frames import Canvas, render_frames_torch
-
-    torch.set_num_threads(1)  # where others work too, its threads wait for each other
-
-    def left(stage: Stage, trajectory: Trajectory) -> np.ndarray:
-        return Canvas(stage, torch.device("cpu")).darkness([s for _, s in sprite_poses(stage, trajectory)])
-
-    ways = {"opencv": pipeline.render, "torch": partial(render_frames_torch, device="cpu"), "left": left}
-    if torch.cuda.is_available():
-        ways["cuda"] = partial(render_frames_torch, device="cuda")
-    rows = []
-    for name in BUNDLED:
-        scene = pipeline.load(ROOT / "scenes" / name / "scene.yaml")
-        maps = pipeline.percepts(scene)
-        compiled = pipeline.compile(scene, maps)
-        stage, trajectory = pipeline.stage(scene, compiled, maps), pipeline.simulate(compiled.world)
-        row = {"scene": name, "frames": len(trajectory.times), "cuda": None}
-        for way, draw in ways.items():
-            times = []
-            for _ in range(4):
-                before = time.perf_counter()
-                deque(draw(stage, trajectory), 0)
-                times.append(time.perf_counter() - before)
-            row[way] = round(1000 * min(times) / len(trajectory.times), 1)
-        rows.append(row)
     return rows
 
 
@@ -250,7 +211,7 @@ PARTS = {
 }
 PARTS |= {"rivals": rivals, "growth": growth, "fidelity": frames_against_truth, "shadows": shadows}
 PARTS |= {"frames": frame_costs, "encoder": encoder}
-PARTS |= {"device": device, "prompts": prompts, "perceive": perceiving, "percepts": percepts}
+PARTS |= {"prompts": prompts, "perceive": perceiving, "percepts": percepts}
 PARTS |= {
     "refine": refining,
     "gallery": gallery,

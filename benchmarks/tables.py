@@ -69,7 +69,6 @@ def page() -> str:
         ("render", _render),
         ("frames", _frames),
         ("encoder", _encoder),
-        ("device", _device),
         ("labels", _labels),
         ("datasets", _datasets),
         ("start", _start),
@@ -282,24 +281,6 @@ def _encoder(rows: list[dict]) -> list[str]:
     return head + [
         f"| {r['preset']} | {r['threads']} | {r['cpu']} | {r['wall']} | {r['kib']:,} | {r['psnr']} |"
         for r in rows
-    ]
-
-
-def _device(rows: list[dict]) -> list[str]:
-    ways = ("opencv", "torch", "cuda", "left")
-    body = [
-        [r["scene"], r["frames"], *("not measured" if r[w] is None else f"{r[w]:.1f}" for w in ways)]
-        for r in rows
-    ]
-    return [
-        "## What draws",
-        "",
-        "Milliseconds a frame, the least of four runs, without encoding. The last column is what the processor does",
-        "under `--device cuda` too: poses, and how dark every shadow is.",
-        "",
-        *_table(
-            ["scene", "frames", "OpenCV", "torch, one core", "torch, CUDA", "left to the processor"], body
-        ),
     ]
 
 

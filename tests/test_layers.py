@@ -18,8 +18,8 @@ LAYERS = (
 """From the bottom up; the flat modules at the root are the core, apart from the entry points."""
 ENTRY_POINTS = {"physgen.__main__": "cli", "physgen.pytest_plugin": "batch"}
 MODEL_LIBRARIES = {"torch", "transformers", "diffusers", "accelerate", "openai", "jax", "tensorflow"}
-WITH_MODELS = {"backends", "torch_frames"}
-"""Folders and modules that may import them."""
+WITH_MODELS = {"backends"}
+"""Folders that may import them."""
 BY_NAME = {"physgen.registry"}
 """The registry of backends."""
 VAGUE = {"utils", "helpers", "common", "misc", "manager", "base"}

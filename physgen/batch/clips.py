@@ -114,7 +114,6 @@ class Manifest:
     versions: Mapping[str, str]
     machine: str
     """Its processor and its system."""
-    device: str
     inputs: Mapping[str, str]
     files: Mapping[str, str]
     samples: tuple[str, ...]
@@ -144,7 +143,6 @@ def read_manifest(folder: Path) -> Manifest:
             overrides=tuple(map(str, data["overrides"])),
             versions=_texts(data["versions"]),
             machine=f"{platform['machine']} {platform['system']}",
-            device=str(data["device"]),
             inputs=_texts(data["inputs"]),
             files=_texts(data["files"]),
             samples=tuple(map(str, data["samples"])),

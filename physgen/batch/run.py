@@ -35,17 +35,16 @@ class Refiner:
     """`NAME[:WEIGHTS]`."""
     config: Path | None = None
     """In place of the user's own physgen.toml."""
-    device: str | None = None
 
     def plan(self) -> Plan:
         """With the configuration files. Raises InputError."""
-        plan = load_plan(config=self.config, device=self.device)
+        plan = load_plan(config=self.config)
         choice = plan.choices.get("refine")
         if not self.setting or (
             choice is not None and choice.name == self.setting
         ):  # the file has its weights
             return plan
-        return load_plan([f"refine={self.setting}"], config=self.config, device=self.device)
+        return load_plan([f"refine={self.setting}"], config=self.config)
 
     def identity(self) -> str:
         """Changes where clips have to be made again."""
@@ -92,11 +91,8 @@ class Job:
     @property
     def mark(self) -> str:
         """Identifies all options of the clip, the refining model, and the code."""
-        device = pipeline.drawn_by(self.options.device)
         draw_seed = self.options.draw_seed if self.options.draws else 0
-        options = replace(
-            self.options, command=(), cached=True, device=device, allow_outside=False, draw_seed=draw_seed
-        )
+        options = replace(self.options, command=(), cached=True, allow_outside=False, draw_seed=draw_seed)
         return self.options.mark or clip_mark(options, self.refiner.identity())
 
 

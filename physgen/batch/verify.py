@@ -56,7 +56,6 @@ class VerifyRequest:
     scene: Path | None = None
     """The scene file or pack; None: the one that the manifest names."""
     allow_outside: bool = False
-    device: str = "cpu"
 
 
 class Outcome(Enum):
@@ -116,7 +115,7 @@ class Verdict:
     changed: tuple[str, ...] = ()
     """What the run read and is different now."""
     elsewhere: tuple[str, ...] = ()
-    """Versions, machine and device that are different now."""
+    """Versions and machine that are different now."""
     damaged: tuple[str, ...] = ()
     """Output files that are not as they were written."""
     motion: MotionDifference | None = None
@@ -180,12 +179,9 @@ def _verify(request: VerifyRequest, progress: pipeline.Progress) -> Verdict:
     scene = pipeline.load(path, manifest.overrides, manifest.variant, request.allow_outside)
     files = changed_files(manifest.inputs, inputs(scene, scene_file(path)))
     values = changed_values(manifest.document, json.loads(json_text(scene.document)))
-    here = {
-        "machine": f"{platform.machine()} {platform.system()}",
-        "device": pipeline.drawn_by(request.device),
-    }
-    there = {"machine": manifest.machine, "device": manifest.device}
-    now = _Take(scene, request.device, progress)
+    here = {"machine": f"{platform.machine()} {platform.system()}"}
+    there = {"machine": manifest.machine}
+    now = _Take(scene, progress)
     motion = _motion_difference(folder, manifest.samples, now.trajectory)
     undamaged = [file for file in manifest.files if file not in damaged]
     pictures = _frame_difference(manifest, folder, undamaged, now, progress)
@@ -237,14 +233,14 @@ def _damaged_files(
 class _Take:
     """A scene simulated and about to be drawn, without any cached result."""
 
-    def __init__(self, scene: Scene, device: str, progress: pipeline.Progress) -> None:
+    def __init__(self, scene: Scene, progress: pipeline.Progress) -> None:
         warm = Stages(Keep.NOTHING)
         maps = warm.maps(scene)
         compiled = warm.compile(scene, maps)
         progress("simulate", 0, 1)
         self.scene = scene
         self.trajectory = warm.simulate(compiled.world, progress)
-        self._filming = Film(scene, compiled, maps, RunRecord(scene="", command=[]), warm, device)
+        self._filming = Film(scene, compiled, maps, RunRecord(scene="", command=[]), warm)
 
     def frames(self) -> Iterator[Frame]:
         """The clip from its first frame on."""

@@ -21,6 +21,7 @@ REMOVED = {
     "--allow-outside": "copy the files below the scene's folder",
     "--columns": "leave it out",
     "--dark": "figures have white paper",
+    "--device": "leave it out, the processor draws frames",
     "--fallback": "choose another --backend where one fails",
     "--no-fallback": "leave it out, nothing falls back",
     "--frames": "write --set render.frames=N",
@@ -286,9 +287,3 @@ def check_scene_name(output: Path | None) -> None:
     if output is not None and (output.suffix not in (".yaml", ".yml") or output.is_dir()):
         fix = "end it in .yaml; without -o the scene is printed"
         raise InputError.of("-o", f'"{output}"', "is no name for a scene file", fix)
-
-
-def add_device(parser: Parser) -> None:
-    """Adds `--device` of what draws frames."""
-    about = "draws the frames: cuda is an NVIDIA GPU, through torch; default: cpu"
-    parser.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help=about)

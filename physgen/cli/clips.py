@@ -12,7 +12,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from physgen.cli.arguments import FORMATS, WRONG_INPUT, Parser, add_device, among, count, draws, labels, seed
+from physgen.cli.arguments import FORMATS, WRONG_INPUT, Parser, among, count, draws, labels, seed
 from physgen.cli.output import FAILED, OK, Bar, Counter, print_error, print_line
 from physgen.problems import InputError
 
@@ -86,7 +86,6 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
         command=tuple(options.command_line),
         draws=options.fan,
         draw_seed=options.fan_seed,
-        device=options.device,
         cached=options.cache,
         page=page,
         single_file=options.single_file,
@@ -113,8 +112,7 @@ def _refining(options: argparse.Namespace) -> tuple[Refiner, tuple[str, ...]]:
     from physgen import registry
     from physgen.batch.run import Refiner
 
-    device = None if options.device == "cpu" else options.device  # it draws on the CPU unless chosen
-    refiner = Refiner(options.refine or "", options.config, device)
+    refiner = Refiner(options.refine or "", options.config)
     if options.refine is None:
         return refiner, tuple(options.set)
     name = options.refine.partition(":")[0]
@@ -338,7 +336,6 @@ def add_clips(parser: Parser) -> None:
     )
     parser.option("--fan", "N", draws, about, 0)
     parser.option("--fan-seed", "S", seed, "seed of the draws; default: 0", 0)
-    add_device(parser)
     about = "refine the clip by a video diffusion model: animatediff, wan, or none; see physgen backends"
     parser.option("--refine", "NAME[:WEIGHTS]", str, about)
     parser.option("--config", "FILE", Path, "read this in place of ~/.config/physgen/physgen.toml")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from physgen.cli.arguments import Command, Parser, add_device, count, labels
+from physgen.cli.arguments import Command, Parser, count, labels
 from physgen.cli.clips import add_overlays, check_formats, check_names, make_all, variants_of
 
 
@@ -22,7 +22,6 @@ def export(options: argparse.Namespace) -> int:
                 allow_outside=options.allow_outside,
                 formats=(),
                 command=tuple(options.command_line),
-                device=options.device,
                 cached=options.cache,
                 page=Page.NONE,
                 export=tuple(options.format),
@@ -48,7 +47,6 @@ def add(parser: Parser) -> None:
     parser.option("--format", "LIST", labels, about, required=True)
     parser.option("-o --output", "DIR", str, "default: labels", "labels")
     parser.option("--jobs", "N", count, "scenes at a time; default: 1", 1)
-    add_device(parser)
     parser.flag("--no-cache", "simulate again, and overwrite existing labels")
     parser.flag("--json", "print a line of JSON for each scene")
     add_overlays(parser)

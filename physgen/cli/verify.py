@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from physgen.cli import output
-from physgen.cli.arguments import WRONG_INPUT, Command, Parser, add_device, count
+from physgen.cli.arguments import WRONG_INPUT, Command, Parser, count
 from physgen.cli.output import FAILED, OK, Bar, print_error
 
 if TYPE_CHECKING:
@@ -25,9 +25,7 @@ def verify(options: argparse.Namespace) -> int:
     from physgen.batch.workers import run_parallel
 
     folders = clip_folders(options.folders)
-    requests = [
-        VerifyRequest(folder, options.scene, options.allow_outside, options.device) for folder in folders
-    ]
+    requests = [VerifyRequest(folder, options.scene, options.allow_outside) for folder in folders]
     many = len(requests) > 1
     bar = Bar()
     work = run if many else partial(_watched, bar=bar)
@@ -63,7 +61,6 @@ def add(parser: Parser) -> None:
     about = "the scene file or pack of all these clips; default: the one that each clip's manifest names"
     parser.option("--scene", "FILE", Path, about)
     parser.option("--jobs", "N", count, "clips verified at a time; default: 1", 1)
-    add_device(parser)
     parser.flag("--json", "print a line of JSON for each clip, and one with the counts")
     parser.flag("--allow-outside", "let scenes read files outside their folders")
 

@@ -15,7 +15,6 @@ from physgen.pipeline.refining import Refiners
 from physgen.pipeline.stages import (
     Stages,
     compile,
-    drawn_by,
     fan,
     filled,
     lint,
@@ -37,7 +36,6 @@ __all__ = [
     "Stages",
     "Warn",
     "compile",
-    "drawn_by",
     "fan",
     "filled",
     "ignore_warning",

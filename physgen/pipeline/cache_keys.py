@@ -49,12 +49,12 @@ def motion_key(world: World) -> str:
     return key("motion", world)
 
 
-def guidance_key(scene: Scene, inputs: Mapping[str, str], device: str) -> str:
+def guidance_key(scene: Scene, inputs: Mapping[str, str]) -> str:
     """The key of a scene's unrefined frames in the order of the motion.
 
-    `inputs`: SHA-256 of the files that were read, by path relative to the scene's folder, see `report.record.inputs`;
-    `device`: what draws, see `pipeline.drawn_by`. Neither `refine` counts nor what is drawn after it, nor the order of
-    playing, nor anything of the file but what it means.
+    `inputs`: SHA-256 of the files that were read, by path relative to the scene's folder, see `report.record.inputs`.
+    Neither `refine` counts nor what is drawn after it, nor the order of playing, nor anything of the file but what it
+    means.
     """
     folder = scene.folder.resolve()
 
@@ -66,7 +66,7 @@ def guidance_key(scene: Scene, inputs: Mapping[str, str], device: str) -> str:
     if scene.image is not None and scene.assets is not None:
         paths = {name: scene.assets / f"{name}.png" for name in MAPS}
         files |= {name: digest(path) for name, path in paths.items() if path.is_file()}
-    return key("guidance", FORMAT, code_version(ROOMS), device, files, scene)
+    return key("guidance", FORMAT, code_version(ROOMS), files, scene)
 
 
 @cache

@@ -19,7 +19,7 @@ from physgen.export.video import Format
 from physgen.files import file_stamp
 from physgen.pipeline.packs import scene_file
 from physgen.pipeline.refining import Refiners, guidance_footage, refine_footage
-from physgen.pipeline.stages import Film, Keep, Stages, drawn_by, fan, lint, render
+from physgen.pipeline.stages import Film, Keep, Stages, fan, lint, render
 from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
 from physgen.progress import Progress, silent
 
@@ -63,8 +63,6 @@ class RenderOptions:
     draws: int = 0
     """Simulations with drawn values of what is uncertain."""
     draw_seed: int = 0
-    device: str = "cpu"
-    """Draws frames: `cpu`, `cuda` ..."""
     cached: bool = True
     """Whether motions and frames may come from the cache, and a complete clip of the same options is kept."""
     page: Page = Page.FULL
@@ -262,7 +260,6 @@ class _Run:
         variant = options.variant
         record = RunRecord(scene="", command=list(options.command) or ["physgen", "render", str(path)])
         record.overrides, record.variant, record.mark = list(options.overrides), variant, options.mark
-        record.device = drawn_by(options.device)
         self.record, self._begun = record, time.time_ns()
         with record.stage("load"):
             scene = stages.load(path, options.overrides, variant, options.allow_outside)
@@ -284,7 +281,7 @@ class _Run:
         with record.stage("report"):
             shown = options.page is not Page.NONE
             self.perceived = perception(scene, compiled, maps.percepts) if shown else None
-        self.film = Film(scene, compiled, maps, record, stages, options.device)
+        self.film = Film(scene, compiled, maps, record, stages)
         self.labels = Labels.of(options.export, scene, maps.percepts)
         if options.export and not options.formats:
             self.labels.check_kept(self.final)

@@ -121,7 +121,7 @@ def guidance_footage(
             progress("render", index + 1, count)
         return trajectory
 
-    key = guidance_key(film.scene, record.inputs, record.device)
+    key = guidance_key(film.scene, record.inputs)
     return footage(open_store(warn=warn) if cached else None, key, draw, unchanged)
 
 

@@ -11,7 +11,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
@@ -170,39 +170,20 @@ def render(
     trajectory: Trajectory,
     parts: int = 1,
     through: Shot | None = None,
-    device: str = "cpu",
 ) -> Iterator[Frame]:
     """Frames, one at a time; each the mean of `parts` samples, in linear light.
 
-    `through` is a shot: without one, all of the canvas is seen and played forward. On a `device` other than the
-    processor (`cuda`, `cuda:1`) torch draws them, the same within 1 grey level.
+    `through` is a shot: without one, all of the canvas is seen and played forward.
     """
     from physgen.render.camera import filmed, mean_exposures
+    from physgen.render.frames import render_frames
 
-    if device == "cpu":
-        from physgen.render.frames import render_frames
-    else:
-        from physgen.render.torch_frames import render_frames_torch
-
-        render_frames = partial(render_frames_torch, device=device)
     if through is None:
         return render_frames(drawn, trajectory, parts=parts)
     samples = through.samples(parts)
     if parts > 1 and through.moves:  # while the shutter is open, too: what the camera follows stays sharp
         return mean_exposures(filmed(render_frames(drawn, trajectory, samples), through, drawn.scale), parts)
     return filmed(render_frames(drawn, trajectory, samples, parts), through, drawn.scale)
-
-
-def drawn_by(device: str) -> str:
-    """The name of the device for the manifest. Raises InputError where it, or torch, is missing."""
-    if device == "cpu":
-        return device
-    try:
-        from physgen.render.torch_frames import title
-    except ModuleNotFoundError as error:
-        found, fix = f"needs {error.name}, which is not installed", 'pip install "physgen[models]"'
-        raise InputError.of("--device", f'"{device}"', found, fix) from error
-    return title(device)
 
 
 class Keep(Enum):
@@ -354,9 +335,8 @@ class Film:
         maps: Maps,
         record: RunRecord,
         stages: Stages,
-        device: str = "cpu",
     ) -> None:
-        self.scene, self.compiled, self.device = scene, compiled, device
+        self.scene, self.compiled = scene, compiled
         self._maps: Maps | None = maps
         self._record, self._stages = record, stages
         self._fine: tuple[Trajectory, Trajectory, int] | None = None
@@ -396,7 +376,7 @@ class Film:
         if order is not None:
             through = replace(through, order=tuple(order))
         fine, parts = self.exposed(trajectory)
-        return render(matte_stage(self.stage) if matte else self.stage, fine, parts, through, self.device)
+        return render(matte_stage(self.stage) if matte else self.stage, fine, parts, through)
 
     def exposed(self, trajectory: Trajectory) -> tuple[Trajectory, int]:
         """Samples for motion blur, and how many a frame has."""

@@ -290,7 +290,6 @@ def provenance(record: RunRecord, resolved: str, written: str | None = None) -> 
         begin += percent
     facts = [
         ("platform", f"{platform.system()}, {platform.machine()}"),
-        ("frames drawn by", record.device),
         ("peak memory", f"{peak_memory() / 2**20:,.0f} MiB"),
     ]
     seeds = {name: seed for name, seed in record.seeds.items() if record.refine or name != "refine"}

@@ -72,8 +72,6 @@ class RunRecord:
     """What the engine did; see `simulate.trajectory.Effort`."""
     imbalance: float = 0.0
     """Relative error of the energy balance; see `Trajectory.imbalance`."""
-    device: str = "cpu"
-    """What drew the frames: the processor, or a GPU and its torch version."""
     fan: dict[str, Any] | None = None
     """What draws of the scene's doubts end in, see `pipeline.fanning`; None where it was not asked for."""
     refine: dict[str, Any] | None = None
@@ -107,7 +105,6 @@ class RunRecord:
             "mark": self.mark,
             "versions": versions(self.refine),
             "platform": this_machine().as_dict(),
-            "device": self.device,
             "inputs": self.inputs,
             "seeds": self.seeds,
             "effort": self.effort,
