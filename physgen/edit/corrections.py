@@ -111,7 +111,7 @@ def correct(
             _link_maps(work.scene.assets, out)
             _finish(work, out)
             folder = out
-        new = edited(work.text, work.ops, None, live.path, live.allow_outside).text
+        new = edited(work.text, work.ops).text
         new = without_guess_comments(new, [op["set"] for op in work.ops if "set" in op])
         live.state(new, folder)
     except InputError as error:

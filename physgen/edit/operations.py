@@ -21,9 +21,8 @@ from physgen.edit import yaml_edit
 from physgen.edit.errors import impossible
 from physgen.edit.yaml_edit import marked, same
 from physgen.problems import InputError
-from physgen.scene.document import Node, Source, plain, read
-from physgen.scene.files import with_bases
-from physgen.scene.overlay import SEALED, Edit, apply, kind_of, merge, parse_key, rivals
+from physgen.scene.document import Node, Source, plain
+from physgen.scene.overlay import SEALED, Edit, apply, kind_of, parse_key, rivals
 from physgen.scene.schema import published, schema_at
 from physgen.text import KeyPath, dotted
 
@@ -104,9 +103,7 @@ class Edited:
     what: str
 
 
-def edited(
-    text: str, ops: Sequence[Op | Mapping[str, Any]], variant: str | None, file: File, allow_outside: bool
-) -> Edited:
+def edited(text: str, ops: Sequence[Op | Mapping[str, Any]], variant: str | None = None) -> Edited:
     """All operations, in order, in the file or in a variant. Raises EditError for the first that is impossible."""
     made: list[str] = []
     for op in ops:
@@ -114,7 +111,7 @@ def edited(
             parsed = _PARSER.validate_python(op)
         except ValidationError:
             raise impossible("an operation is not known", 'send {"set": [...], "value": ...}') from None
-        target = Target(text, variant, file, allow_outside)
+        target = Target(text, variant)
         try:
             made.append(_make(target, parsed))
         except ValueError as error:  # of the writer: a key that is too long
@@ -237,13 +234,13 @@ def take(data: Data, path: KeyPath) -> None:
 
 
 class Target:
-    """A file, or a variant of it. Raises EditError where the text cannot be read."""
+    """A file, or a variant of it. Raises EditError where the text cannot be read, or extends another file."""
 
-    def __init__(self, text: str, variant: str | None, file: File, allow_outside: bool) -> None:
+    def __init__(self, text: str, variant: str | None) -> None:
         self.text, self.variant = text, variant
-        self._own: Data = marked(text).data()
-        self._base = _inherited(text, file, allow_outside)
-        self._whole = self._own if self._base is None else _overlaid(self._base, self._own)
+        self._whole: Data = marked(text).data()
+        if "extends" in self._whole:
+            raise impossible("the file extends another one", "edit the YAML beside, or that file")
         self.data = self._whole
         """The scene as the page shows it, without defaults."""
         if variant is not None:
@@ -254,17 +251,13 @@ class Target:
                 )
             self.data = _with_edits(self._whole, self._edits)
 
-    def inherits(self, path: KeyPath) -> bool:
-        """Whether the value at a path comes from another file, in whole or in part."""
-        return self._base is not None and reach(self._base, path) is not ABSENT
-
     def write(self, data: Data, at: KeyPath | None = None) -> None:
         """Change the text such that the scene is `data`; a variant sets what changes at a path `at` as a whole.
 
         Raises EditError.
         """
         if self.variant is None:
-            self._write_file(data)
+            self.text = yaml_edit.write(self.text, data)
             return
         changes = {path: value for path, value in _changes(self.data, data, ()) if path[0] not in SEALED}
         if at is not None and any(path[: len(at)] == at for path in changes):
@@ -295,14 +288,10 @@ class Target:
         take(data, path)
         self.write(data, path if isinstance(path[-1], str) else path[:-1])
 
-    def _write_file(self, data: Data) -> None:
-        own = data if self._base is None else _overlay(self._base, self._own, data, ())
-        self.text = yaml_edit.write(self.text, own)
-
     def _write_edits(self, edits: Data) -> None:
         whole = deepcopy(self._whole)
         whole["variants"][self.variant] = edits
-        self._write_file(whole)
+        self.text = yaml_edit.write(self.text, whole)
 
 
 def _is_below(key: str, paths: Iterable[KeyPath]) -> bool:
@@ -321,43 +310,6 @@ def _changes(old: Any, new: Any, path: KeyPath) -> Iterator[tuple[KeyPath, Any]]
             yield from _changes(one, other, (*path, at))
     elif not same(old, new):
         yield path, new
-
-
-def _inherited(text: str, file: File, allow_outside: bool) -> Data | None:
-    """What the file starts from; None where that is nothing."""
-    if marked(text).child("extends") is None:
-        return None
-    root = read(text, Source(str(file), file.absolute().parent))
-    assert isinstance(root.value, dict)
-    only_base = root.with_value({"extends": root.value["extends"]})
-    try:
-        base: Data = plain(with_bases(only_base, file, allow_outside))
-    except InputError:  # which is reported as a problem of the file
-        return {}
-    base.pop("extends", None)
-    return base
-
-
-def _overlaid(base: Data, own: Data) -> Data:
-    made: Data = plain(merge(_node(base), _node(own)))
-    return made
-
-
-def _overlay(base: Data, own: Any, new: Data, path: KeyPath) -> Data:
-    """What the file must say so that, over its base, the scene is `new`; what it says already stays."""
-    made: Data = {}
-    own = own if isinstance(own, dict) else {}
-    for key, value in new.items():
-        under = base.get(key, ABSENT)
-        if isinstance(value, dict) and isinstance(under, dict):
-            part = _overlay(under, own.get(key), value, (*path, key))
-            if part or key in own:
-                made[key] = part
-        elif key in own or not same(value, under):
-            made[key] = value
-    against = rivals(kind_of(path))
-    ruled_out = {rival for key in made for rival in against.get(key, ())}
-    return made | {key: None for key in base if key not in new and key not in ruled_out}
 
 
 def _with_edits(whole: Data, edits: Mapping[str, Any]) -> Data:
@@ -415,8 +367,6 @@ def _rename(target: Target, path: KeyPath, to: str) -> str:
     if to != old:
         if reach(target.data, (section, to)) is not ABSENT:
             raise impossible(f"{to} is there already", "choose another name")
-        if target.inherits(path):
-            raise impossible(f"{dotted(path)} comes from the file that this one extends", "rename it there")
         if section == "objects":
             data, _ = replaced(target.data, old, to)
         else:

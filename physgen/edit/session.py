@@ -258,7 +258,7 @@ class Session:
         """Make operations, all or none. Raises EditError."""
         with self._edits:
             now = self._current(request)
-            made = edited(now.text, ops, request.variant, self.path, self.allow_outside)
+            made = edited(now.text, ops, request.variant)
             text = made.text
             if not request.variant:
                 text = without_guess_comments(text, [op.set for op in ops if isinstance(op, SetOp)])
@@ -270,7 +270,7 @@ class Session:
         with self._edits:
             self._current(request)
             text, maps = self._present()
-        made = edited(text, ops, request.variant, self.path, self.allow_outside)
+        made = edited(text, ops, request.variant)
         look = self.live.look(made.text, maps, request.variant, motion_only=True)
         return {"motion": look.motion, "problems": look.problems}
 

@@ -157,15 +157,6 @@ def test_a_preview_changes_nothing(serving: Serve) -> None:
     assert (page.status_code, page.json()["overtaken"], page.json()["motion"]) == (200, True, None)
 
 
-def test_a_variant_is_seen_and_edited_beside_the_file(serving: Serve) -> None:
-    served = serving("billiards")
-    name = served.look()["variants"][0]
-    path = ["objects", "cue-ball", "friction"]
-    seen = served.send("/api/edit", variant=name, ops=[{"set": path, "value": 0.77}]).json()
-    assert seen["scene"]["objects"]["cue-ball"]["friction"] == 0.77
-    assert served.look()["scene"]["objects"]["cue-ball"]["friction"] == 0.06
-
-
 def test_pictures_of_the_photo(serving: Serve) -> None:
     served = serving("billiards")
     state = served.look()

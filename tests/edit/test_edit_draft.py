@@ -199,22 +199,6 @@ def test_killed_in_the_middle_of_edits_it_has_every_one_that_was_answered(
     assert f"mass: {mass}" in again.scene.read_text()
 
 
-def test_a_file_that_another_program_changed_meanwhile_is_asked_about(
-    killable: Callable[..., Killable],
-) -> None:
-    first = killable("physics/05-slide")
-    name = next(iter(first.look()["scene"]["objects"]))
-    mine = first.edit({"set": ["objects", name, "mass"], "value": 77})["text"]
-    first.kill()
-    theirs = "# by hand\n" + first.scene.read_text()
-    first.scene.write_text(theirs)
-    again = killable(first.scene)
-    assert (again.look()["text"], again.state["file"]["outside"]) == (mine, "changed")
-    assert again.send("/api/save").status_code == 409
-    assert again.send("/api/save", resolve="theirs").status_code == 200
-    assert (again.state["text"], first.scene.read_text()) == (theirs, theirs)
-
-
 def test_a_draft_that_was_removed_is_made_anew_and_held(scene) -> None:
     session = Session(scene)
     shutil.rmtree(draft_folder(scene))

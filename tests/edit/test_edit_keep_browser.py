@@ -94,27 +94,6 @@ def test_a_killed_server_is_named_and_all_that_it_answered_is_kept(
         assert other.state["text"] == SCENE
 
 
-def test_a_server_that_answers_again_is_asked_for_its_state(
-    browser: Any, serving: Callable[..., Any], scene: Path
-) -> None:
-    away = [False]
-    served = serving(scene)
-
-    def asked(route: Any) -> None:
-        route.abort() if away[0] else route.continue_()
-
-    with seated(browser, served.address, held=("**/api/**", asked)) as desk:
-        away[0] = True
-        banner(desk, "link")
-        served.look()
-        served.edit({"set": ["objects", "ball", "mass"], "value": 75})
-        away[0] = False
-        gone(desk, "link")
-        until(desk, "s.scene.objects.ball.mass === 75")
-        edit(desk, "objects.box.mass", 300)
-        assert desk.state["scene"]["objects"]["box"]["mass"] == 300
-
-
 def test_leaving_with_work_that_is_not_saved_asks(
     browser: Any, serving: Callable[..., Any], scene: Path
 ) -> None:
@@ -133,21 +112,6 @@ def test_leaving_with_work_that_is_not_saved_asks(
         with desk.page.expect_event("close"):
             desk.page.close(run_before_unload=True)
         assert asked == ["beforeunload"]
-
-
-def test_a_second_window_sees_what_the_first_does(
-    browser: Any, serving: Callable[..., Any], scene: Path
-) -> None:
-    served = serving(scene)
-    with seated(browser, served.address) as one, seated(browser, served.address) as two:
-        edit(one, "objects.ball.mass", 75)
-        until(two, "s.scene.objects.ball.mass === 75")
-        edit(two, "objects.box.mass", 300)
-        until(one, "s.scene.objects.box.mass === 300")
-        assert one.state["text"] == two.state["text"]
-        two.page.click("[data-part=undo]")
-        until(one, "s.scene.objects.box.mass === 200")
-        assert one.errors == []
 
 
 def test_what_another_program_writes_is_taken_or_asked_about(

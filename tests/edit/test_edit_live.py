@@ -76,7 +76,7 @@ def test_poses_are_those_of_simulate_to_the_bit(
 ) -> None:
     """After an edit, of the file as it is saved: no pose and no velocity differs in its last place."""
     path = copied(name)
-    text = edited(path.read_text(), ops, None, path, False).text if ops else path.read_text()
+    text = edited(path.read_text(), ops).text if ops else path.read_text()
     live = Live(path)
     every, frames = parts(live, live.look(text, variant=variant))
     path.write_text(text)
@@ -104,19 +104,6 @@ def test_a_push_is_seen_as_newton_has_it(tmp_path: Path) -> None:
         np.testing.assert_allclose(every[:, ball, 1], 150 + y, atol=1e-6)
     assert t is not None
     assert t[0] == 0
-
-
-def test_what_leaves_the_world_alone_keeps_its_motion(tmp_path: Path) -> None:
-    """A label does not move anything: the page need not ask again. A mass does."""
-    live = Live(scene(tmp_path, FREE % ""))
-    plain, called, heavy = (
-        live.look(FREE % more).motion for more in ("", ", label: puck", ", friction: 0.9")
-    )
-    assert plain is not None
-    assert called is not None
-    assert heavy is not None
-    assert plain["key"] == called["key"] != heavy["key"]
-    assert called["bodies"][0]["label"] == "puck"
 
 
 def test_an_error_has_a_line_an_object_and_no_motion(tmp_path: Path) -> None:

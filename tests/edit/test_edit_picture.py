@@ -23,7 +23,7 @@ def changed(text: str, *edits: str) -> str:
     """A text with `key=value` set, for dotted keys."""
     pairs = [edit.partition("=")[::2] for edit in edits]
     ops = [{"set": key.split("."), "value": yaml.safe_load(value)} for key, value in pairs]
-    return edited(text, ops, None, Path("scene.yaml"), False).text
+    return edited(text, ops).text
 
 
 def opened(uri: str) -> np.ndarray:

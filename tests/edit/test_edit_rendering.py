@@ -70,25 +70,6 @@ def test_it_makes_what_its_command_makes(copied: Copy, tmp_path: Path) -> None:
     assert len(one["frames"]) == 6
 
 
-def test_files_of_its_results_alone_are_given(copied: Copy, tmp_path: Path) -> None:
-    path = short(copied("wall-ball"))
-    out = tmp_path / "out"
-    (out / "other").mkdir(parents=True)
-    (out / "other" / "video.mp4").write_bytes(b"mine")
-    (tmp_path / "secret").write_text("x")
-    job = RenderJob(path, out)
-    assert job.file("other/video.mp4") is None
-    job.start(format="gif")
-    (row,) = ended(job)["result"]
-    assert row["video"] == "video.gif"
-    folder = row["folder"]
-    (out / folder / "way").symlink_to(tmp_path)
-    below = [f"{folder}/../other/video.mp4", f"{folder}/way/secret", f"{folder}/none", f"{folder}/\0", folder]
-    for name in ("other/video.mp4", "../secret", "/etc/passwd", "", *below):
-        assert job.file(name) is None, name
-    assert job.file(f"{folder}/video.gif") is not None
-
-
 def test_stopped_it_leaves_nothing_half_made(copied: Copy, tmp_path: Path) -> None:
     """In the middle of drawing: the folder holds no partial file, and the next run begins from there."""
     path = copied("kitchen")

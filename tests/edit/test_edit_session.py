@@ -119,26 +119,6 @@ def test_what_is_no_text_is_not_taken_for_the_scene(serving: Serve) -> None:
     assert served.scene.read_text() == text
 
 
-def test_a_change_that_cannot_be_taken_in_is_looked_at_again(serving: Serve, monkeypatch) -> None:
-    served = serving("physics/05-slide")
-    text = served.look()["text"] + "# theirs\n"
-    replace, failed, room = Path.replace, threading.Event(), threading.Event()
-
-    def full(self: Path, target: Path) -> Path:
-        if not room.is_set():
-            failed.set()
-            raise OSError(28, "No space left on device", str(target))
-        return replace(self, target)
-
-    monkeypatch.setattr(Path, "replace", full)
-    with hearing(served, "file") as next_one:
-        served.scene.write_text(text)
-        assert failed.wait(30)
-        room.set()
-        assert next_one()["outcome"] == "taken"
-    assert served.look()["text"] == text
-
-
 @pytest.mark.parametrize("mode", [0o600, 0o644, 0o664])
 def test_a_save_keeps_the_rights_of_the_file_and_the_link_to_it(mode, serving: Serve, copied) -> None:
     path = copied("physics/05-slide")
@@ -369,17 +349,6 @@ def test_what_is_wrong_is_told_in_a_line(arguments, said, tmp_path, monkeypatch,
     assert not list(Path().glob(".*.editing"))
 
 
-@pytest.mark.parametrize(
-    "text", ["physgen: 1\nobjects: [\n", "{'physgen': 1, size: [9, 9", "objects:\n\tball: 1\n"]
-)
-def test_a_scene_with_errors_in_it_can_be_mended(text, tmp_path, killable) -> None:
-    scene = tmp_path / "scene.yaml"
-    scene.write_text(text)
-    told = killable(scene).look()
-    assert told["text"] == text
-    assert told["problems"]
-
-
 def test_a_port_that_is_taken_is_told_of(serving: Serve, tmp_path, capsys) -> None:
     served = serving("physics/05-slide")
     other = tmp_path / "other.yaml"
@@ -422,11 +391,3 @@ def test_a_photo_is_perceived_first_and_its_scene_opened_the_next_time(killable,
     assert first.process.wait(60) == 0
     again: Killable = killable(photo)
     assert again.look()["text"] == scene.read_text() == text
-
-
-def test_ctrl_c_ends_it_though_windows_listen(killable: Callable[..., Killable]) -> None:
-    served = killable("physics/05-slide")
-    assert served.get("/api/events")["run"]
-    served.process.send_signal(2)
-    assert served.process.wait(60) == 0
-    assert not served.scene.with_name(".scene.yaml.editing").exists()

@@ -68,7 +68,7 @@ def test_what_a_row_offers_settles_it(tmp_path: Path) -> None:
         rows = [row for row in live.look(text).todo if row["ops"]]
         if not rows:
             break
-        made = edited(text, rows[0]["ops"], None, tmp_path / "scene.yaml", False).text
+        made = edited(text, rows[0]["ops"]).text
         left = live.look(made)
         assert left.scene is not None
         assert key(rows[0]) not in {key(row) for row in left.todo}
