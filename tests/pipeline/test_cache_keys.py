@@ -115,9 +115,9 @@ def folder(tmp_path: Path) -> Path:
     return home
 
 
-def of(path: Path, overrides: Overrides | tuple[()] = (), variant: str | None = None, by: str = "cpu") -> str:
+def of(path: Path, overrides: Overrides | tuple[()] = (), variant: str | None = None) -> str:
     scene = pipeline.load(path, overrides, variant)
-    return guidance_key(scene, inputs(scene, path), by)
+    return guidance_key(scene, inputs(scene, path))
 
 
 @pytest.mark.parametrize("overrides", KEPT, ids=lambda o: o[0])
