@@ -334,7 +334,8 @@ def made(name: str, weights: str) -> Any:
 @pytest.mark.parametrize("name", ROWS)
 def test_missing_weights_are_named_before_any_work(name: str):
     own = [weights.id for weights in registry.find("refine", name).weights]
-    for said, ids in ((f"nobody/no-{name}", [f"nobody/no-{name}"]), ("", own)):
+    others = [f"nobody/no-{k}" for k in range(len(own))]
+    for said, ids in ((",".join(others), others), ("", own)):
         with pytest.raises(InputError) as caught:
             made(name, said)
         told = {str(problem): problem.fix for problem in caught.value.problems}
@@ -349,8 +350,9 @@ def test_missing_weights_are_named_before_any_work(name: str):
 @pytest.mark.parametrize("name", ROWS)
 def test_a_folder_of_something_else_is_refused(name: str, tmp_path: Path):
     (tmp_path / "notes.txt").write_text("no weights")
+    count = len(registry.find("refine", name).weights)
     with pytest.raises(InputError, match=r'--refine: ".*" does not load as .*; fetch it again'):
-        made(name, str(tmp_path))
+        made(name, ",".join([str(tmp_path)] * count))
 
 
 def test_weights_of_another_model_are_refused_with_whose_they_are(tmp_path: Path):
