@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from physgen.report.record import RunRecord
     from physgen.scene.load import Opened
     from physgen.scene.scene import Scene
+    from physgen.simulate.recorder import StepLog
     from physgen.simulate.trajectory import Trajectory
     from physgen.simulate.uncertainty import Ensemble
 
@@ -76,19 +77,24 @@ def lint(scene: Scene, compiled: Compiled, maps: Percepts | None = None) -> list
     return lint_scene(scene, compiled, maps)
 
 
-def simulate(world: World, rate: float | None = None, progress: Progress = silent) -> Trajectory:
-    """Motion at the video's frame times, or from t = 0 to the end at `rate` samples a second."""
+def simulate(
+    world: World, rate: float | None = None, progress: Progress = silent, tape: StepLog | None = None
+) -> Trajectory:
+    """Motion at the video's frame times, or from t = 0 to the end at `rate` samples a second.
+
+    A `tape` keeps the engine's steps, to be sampled at other times without running again.
+    """
     from physgen.simulate.engine import simulate as run
 
     if rate is None:
-        return run(world, progress=progress)
+        return run(world, progress=progress, tape=tape)
     count = int(world.duration * rate + 1e-9) + 1
     if count * max(len(world.bodies), 1) > MOST_POSES:
         found = f"{count:,} samples of {len(world.bodies)} objects"
         raise InputError.of(
             "--rate", found, "are too many to hold", f"keep samples x objects below {MOST_POSES:,}"
         )
-    return run(world, np.arange(count) / rate, progress)
+    return run(world, np.arange(count) / rate, progress, tape=tape)
 
 
 def fan(
@@ -306,11 +312,12 @@ class Stages:
         self,
         world: World,
         progress: Progress = silent,
+        tape: StepLog | None = None,
     ) -> Trajectory:
-        """See `simulate`."""
+        """See `simulate`. A motion that this process knows leaves the `tape` empty."""
         from physgen.pipeline.cache_keys import motion_key
 
-        return self._motions.of(motion_key(world), lambda: simulate(world, progress=progress))
+        return self._motions.of(motion_key(world), lambda: simulate(world, progress=progress, tape=tape))
 
     def hash(self, file: Path) -> str:
         """SHA-256 of a file, computed once while the file does not change. Raises OSError."""
@@ -341,17 +348,26 @@ class Film:
         self._record, self._stages = record, stages
         self._fine: tuple[Trajectory, Trajectory, int] | None = None
         """Of a trajectory: the samples at which its frames are exposed, and how many a frame has."""
+        self._tape: StepLog | None = None
 
     def simulated(self, progress: Progress) -> Trajectory:
-        """The motion, a sample a frame."""
+        """The motion, a sample a frame; its steps are kept where it is run now."""
+        from physgen.simulate.recorder import StepLog
+
+        self._tape = StepLog()
         with self._record.stage("simulate"):
-            return self._stages.simulate(self.compiled.world, progress)
+            return self._stages.simulate(self.compiled.world, progress, self._tape)
 
     def sampled(self, times: NDArray[np.float64]) -> Trajectory:
         """The same motion at other times, s: the engine's steps do not depend on its samples."""
         from physgen.simulate.engine import simulate
+        from physgen.simulate.recorder import StepLog
 
-        return simulate(self.compiled.world, times)
+        found = None if self._tape is None else self._tape.read(times)
+        if found is None:
+            self._tape = StepLog()
+            found = simulate(self.compiled.world, times, tape=self._tape)
+        return found
 
     @cached_property
     def stage(self) -> Stage:

@@ -54,6 +54,7 @@ from physgen.simulate.recorder import (
     UNKNOWN_PLACE,
     Recorder,
     Step,
+    StepLog,
     recorded_trajectory,
 )
 from physgen.simulate.step_control import Governor, StepDivider
@@ -102,15 +103,19 @@ def simulate(
     world: World,
     times: Array | None = None,
     progress: Progress = silent,
+    tape: StepLog | None = None,
 ) -> Trajectory:
     """Run the world and sample it at `times` (s, rising, the world's own frame times unless given).
 
-    Raises InputError where a body leaves all numbers.
+    A `tape` keeps the steps, to be sampled again. Raises InputError where a body leaves all numbers.
     """
-    running = Running(world, times)
+    running = Running(world, times, tape)
     running.on(running.end, progress)
     running.rest()
-    return running.trajectory()
+    made = running.trajectory()
+    if tape is not None:
+        tape.end(made.effort, running.further)
+    return made
 
 
 class Running:
@@ -120,12 +125,13 @@ class Running:
         self,
         world: World,
         times: Array | None = None,
+        tape: StepLog | None = None,
     ) -> None:
         self.times = world.times if times is None else np.asarray(times, np.float64)
         self._base = 1.0 / world.steps_per_second
         self._number = -1
         bodies = world.bodies
-        self._world = world
+        self._world, self._tape = world, tape
         self._space = Space(world)
         self._governor = Governor(world)
         loads, self._scripts = ForceFields(world), ScriptedMotion(world)
@@ -185,6 +191,11 @@ class Running:
         with self._overflow_named():
             self._ledger.flush()
 
+    def further(self, until: float) -> None:
+        """On to a later time than the last sample's."""
+        self.on(until)
+        self.rest()
+
     def trajectory(self) -> Trajectory:
         """What is known; samples from `done` on are not taken yet, and zeros."""
         effort = Effort(
@@ -232,6 +243,8 @@ class Running:
         self._space.weaken(1.0)
         if step.before is None:
             step.before = state[:, 3:].copy()
+        if self._tape is not None:
+            self._tape.begin(self._ledger, step, pose, shown, roll)
         self._ledger.begin(step, pose, shown, roll)
 
     def _advance(self, begin: float, end: float) -> None:
@@ -300,6 +313,8 @@ class Running:
         step = self._stepper.take(end, h, state, kicks)
         if step.impacts:
             self._governor.note(sum(len(impact.first) for impact in step.impacts))
+        if self._tape is not None:
+            self._tape.add(step)
         if self._ledger.add(step):
             ledger, since = self._ledger, self._stepper.steps - self._reviewed
             self._reviewed = self._stepper.steps

@@ -1,11 +1,13 @@
 """Steps of a run to samples: poses, contacts and the energy balance at exact times.
 
-Steps are read a block at a time.
+Steps are read a block at a time. `StepLog` keeps them, to be sampled at other times without running again.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
@@ -459,6 +461,67 @@ def _refuse_infinities(world: World, pose: Array, velocity: Array, time: float) 
         expected = f"leaves all numbers by t = {time:.3f} s"
         path = f"objects.{world.bodies[wrong[0]].name}"
         raise InputError([Problem(UNKNOWN_PLACE, path, "", expected, DIVERGED_FIX)])
+
+
+MOST = 64_000_000
+"""Bytes of steps that are kept; a longer run is not."""
+
+
+class StepLog:
+    """Hand one to `simulate`, then ask it. Reading costs a tenth of running, and gives the same numbers."""
+
+    def __init__(self, most: int = MOST) -> None:
+        self._most, self._held = most, 0
+        self._begin: tuple[Step, Array, Array, Array] | None = None
+        self._steps: list[Step] = []
+        self._ledger: Recorder | None = None
+        self._effort: Effort | None = None
+        self._on: Callable[[float], None] | None = None
+
+    def begin(self, ledger: Recorder, step: Step, pose: Array, velocity: Array, roll: Array) -> None:
+        """Keep what `Recorder.begin` is called with, and which recorder."""
+        self._ledger = ledger
+        self._begin = step, pose.copy(), velocity.copy(), roll.copy()
+
+    def add(self, step: Step) -> None:
+        """Keep a step; all are let go once they are too many."""
+        if self._begin is None:
+            return
+        self._held += len(step.states) + len(step.words) + len(step.numbers)
+        self._steps.append(step)
+        if self._held > self._most:
+            self._steps, self._begin, self._ledger = [], None, None
+
+    def end(self, effort: Effort, on: Callable[[float], None]) -> None:
+        """The run is over; `on` takes it on to a later time, s, where later times are asked for."""
+        self._effort, self._on = effort, on
+
+    def read(self, times: Array) -> Trajectory | None:
+        """As `simulate` samples at `times` (T,) s, rising; None where the steps were not kept.
+
+        Times after the run's last take it on: as far as the run itself would have come, and no step is taken twice.
+        """
+        if self._begin is None or self._ledger is None or len(times) == 0:
+            return None
+        h = 1.0 / self._ledger.world.steps_per_second
+        last = ceil(float(times[-1]) / h - 1e-9) * h
+        if last > (self._steps[-1].time if self._steps else 0.0) + 1e-9 * h and self._on is not None:
+            self._on(last)
+        return self._sampled(times, last + 1e-9 * h)
+
+    def _sampled(self, times: Array, last: float) -> Trajectory | None:
+        """From the steps that end at `last` s at most; they may have become too many."""
+        if self._begin is None or self._ledger is None or self._effort is None:
+            return None
+        ledger = replace(self._ledger, times=times)
+        with np.errstate(over="ignore", invalid="ignore"):
+            ledger.begin(*self._begin)
+            for step in self._steps:
+                if step.time > last:
+                    break
+                ledger.add(step)
+            ledger.flush()
+        return recorded_trajectory(ledger, self._effort)
 
 
 def recorded_trajectory(ledger: Recorder, effort: Effort) -> Trajectory:
