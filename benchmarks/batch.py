@@ -190,15 +190,14 @@ def sizes(clips: int = 8) -> list[dict]:
             found = [path for file in files for path in (folder / out).glob(file)]
             return round(sum(path.stat().st_size for path in found) / clips)
 
-        for report in ("none", "plain", "full"):
+        for report in ("none", "full"):
             command = physgen("sweep", str(SCENE), *flags, "-o", str(folder / report), "--report", report)
             timed(command, folder / "cache")
         lines = (folder / "none" / "sweep.csv").read_bytes().splitlines(keepends=True)
         told = {name: mean("none", f"*/{name}") for name in ("video.mp4", "trajectory.npz", "manifest.json")}
         told |= {
             "a row of sweep.csv": round(sum(map(len, lines[1:])) / clips),
-            "report.html, plain": mean("plain", "*/report.html"),
-            "report.html, full": mean("full", "*/report.html"),
+            "report.html": mean("full", "*/report.html"),
             "pictures for a gallery": mean("none", "index.files/*"),
             "its part of index.html": mean("none", "index.html"),
         }

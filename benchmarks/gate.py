@@ -282,7 +282,7 @@ def scene_values(runner: Runner, scene: str, frames: int, flags: tuple[str, ...]
     if frames:
         clips = runner.made(f"clips/{name}")
         done = runner.run(
-            *("render", scene, "-o", str(clips), "--format", "png", "--report", "plain", "--no-cache"),
+            *("render", scene, "-o", str(clips), "--format", "png", "--report", "none", "--no-cache"),
             *("--set", f"render.frames={frames}", *flags),
         )
         values["render"] = outcome(done)

@@ -127,9 +127,7 @@ def controllability(rows: Any) -> list[Row]:
 
 def runtime(rows: Any) -> list[Row]:
     here, there = rows[0]["sentences"][0].split(" The paper: ")
-    return [
-        ("How long?", here, there, "`physgen evaluate runtime --measure PHOTO` ([runtime.md](runtime.md))")
-    ]
+    return [("How long?", here, there, "`python benchmarks/run.py runtime` ([runtime.md](runtime.md))")]
 
 
 def fid(rows: Any) -> list[Row]:

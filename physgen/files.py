@@ -6,8 +6,8 @@ import filecmp
 import os
 import re
 import shutil
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
@@ -57,6 +57,29 @@ def file_stamp(path: Path) -> Stamp:
 def partial(path: Path, kind: str = "part") -> Path:
     """A name of this process's own beside `path`, on the same file system, which machines may share."""
     return path.with_name(f".{path.name}.{os.getpid()}-{machine_id()}.{kind}")
+
+
+@contextmanager
+def new_folder(final: Path) -> Iterator[Path]:
+    """A fresh folder whose files stand in `final`, which is new or empty, at the end; on any error nothing is left.
+
+    An empty folder that is there may be a link, a mount point or the current folder: it stays, and is filled.
+    """
+    final = final.resolve()
+    beside = partial(final)
+    shutil.rmtree(beside, ignore_errors=True)
+    beside.mkdir(parents=True)
+    try:
+        yield beside
+        if final.exists():
+            for path in beside.iterdir():
+                shutil.move(path, final / path.name)
+            beside.rmdir()
+        else:
+            beside.rename(final)
+    except BaseException:
+        shutil.rmtree(beside, ignore_errors=True)
+        raise
 
 
 @cache

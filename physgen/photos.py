@@ -71,8 +71,8 @@ def read_image(path: Path) -> U8:
 def read_photo(path: Path, upright: bool = True) -> Photo:
     """A photo as a viewer shows it, turned by its EXIF data if `upright`, over white where it is transparent.
 
-    A colour profile is applied; photos without one are sRGB. 16 bits are rounded to 8 at the very end. Raises
-    InputError.
+    A colour profile is applied; photos without one are sRGB. 16 bits are rounded to 8 before a profile is applied.
+    Raises InputError.
     """
     with open_picture(path) as image:
         decode_picture(image, path)

@@ -194,10 +194,11 @@ def _connected(where: str) -> Iterator[Client]:
 def _quiet() -> Iterator[None]:
     """Silences logs and warnings of Dask, whose errors are reported in our own words."""
     logging.getLogger("asyncio").setLevel(logging.CRITICAL + 1)  # for good: it still logs after the block
+    disabled = logging.root.manager.disable
     logging.disable(logging.CRITICAL)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             yield
         finally:
-            logging.disable(logging.NOTSET)
+            logging.disable(disabled)

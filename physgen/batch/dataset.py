@@ -29,9 +29,9 @@ from typing import Any, BinaryIO
 from physgen import __version__
 from physgen.batch.clips import FoundClip, checked_folders, find_clips
 from physgen.batch.values import parse_yaml
-from physgen.files import resource
+from physgen.files import new_folder, resource
 from physgen.problems import InputError, Problem
-from physgen.report.folders import atomic_folder
+from physgen.report.folders import remove_leftovers_once
 from physgen.scene.load import scene_name
 
 DATASET_FILE, CARD = "dataset.json", "README.md"
@@ -333,7 +333,8 @@ class Shards:
     """WebDataset shards."""
 
     def __init__(self, root: Path, stack: ExitStack, most_clips: int) -> None:
-        self._root, self._stack, self._most_clips = root, stack, most_clips
+        self._root, self._most_clips = root, most_clips
+        stack.callback(self._close)
         self._open: dict[str, tarfile.TarFile] = {}
         """The last shard of each split."""
         self._counts: Counter[str] = Counter()
@@ -348,8 +349,7 @@ class Shards:
                 self._open[split].close()
             path = self._root / split / f"shard-{number:06d}.tar"
             path.parent.mkdir(parents=True, exist_ok=True)
-            tar = tarfile.open(path, "w", format=tarfile.PAX_FORMAT)  # noqa: SIM115
-            self._open[split] = self._stack.enter_context(tar)
+            self._open[split] = tarfile.open(path, "w", format=tarfile.PAX_FORMAT)  # noqa: SIM115
         for name, source in _entries(sample):
             with io.BytesIO(source) if isinstance(source, bytes) else source.open("rb") as file:
                 header = tarfile.TarInfo(name)  # without time and owner
@@ -357,6 +357,10 @@ class Shards:
                 file.seek(0)
                 self._open[split].addfile(header, file)
         self._counts[split] += 1
+
+    def _close(self) -> None:
+        for tar in self._open.values():
+            tar.close()
 
 
 def _entries(sample: Sample) -> Iterator[tuple[str, bytes | Path]]:
@@ -389,7 +393,9 @@ def gather(
     roots = checked_folders(roots)
     _check_output(out, roots)
     summary = DatasetSummary({name: Count() for name in options.splits.names})
-    with atomic_folder(out) as folder:
+    out.parent.mkdir(parents=True, exist_ok=True)
+    remove_leftovers_once(out.parent)
+    with new_folder(out) as folder:
         with ExitStack() as stack:
             folders = options.layout == "folder"
             layout = Folders(folder, stack) if folders else Shards(folder, stack, options.shard_clips)

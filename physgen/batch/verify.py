@@ -306,7 +306,8 @@ def _frame_difference(
     file = f"{Format.PNG.named(manifest.film)}/{first:05d}.png"
     if file not in undamaged:
         return replace(found, unmeasured="there are no PNG frames")
-    levels = level_differences(np.asarray(Image.open(folder / file), np.uint8), pictures[0])
+    with Image.open(folder / file, formats=("PNG",)) as image:  # a clip may come from anywhere
+        levels = level_differences(np.asarray(image, np.uint8), pictures[0])
     if levels is None:
         return replace(found, unmeasured="frames were of another size")
     levels = levels.max(axis=2)

@@ -172,7 +172,8 @@ class Tally:
         """Count one clip."""
         self.counts[done.state.name.lower()] += 1
         if done.folder is not None:
-            self.newest = max(self.newest, (done.folder / "manifest.json").stat().st_mtime)
+            with suppress(OSError):  # another run may be replacing the clip
+                self.newest = max(self.newest, (done.folder / "manifest.json").stat().st_mtime)
 
     def new_warnings(self, done: Done) -> Iterator[str]:
         """Problems of a clip that were not printed for another clip of the scene."""

@@ -239,7 +239,7 @@ class Target:
     def __init__(self, text: str, variant: str | None) -> None:
         self.text, self.variant = text, variant
         self._whole: Data = marked(text).data()
-        if "extends" in self._whole:
+        if self._whole.get("extends") is not None:
             raise impossible("the file extends another one", "edit the YAML beside, or that file")
         self.data = self._whole
         """The scene as the page shows it, without defaults."""

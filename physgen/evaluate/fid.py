@@ -423,7 +423,7 @@ def _add_clip(side: Side, clip: Source, features: Features, settings: Settings, 
             found = features(np.stack(pictures))
             if not np.isfinite(found).all():
                 expected = "gives numbers that are not finite"
-                raise InputError.of("--features", "", expected, "choose another extractor")
+                raise InputError.of("--inception", "", expected, "name another file, or leave it out")
             side.features[kind].append(found)
 
 

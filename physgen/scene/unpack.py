@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import io
 import json
-import shutil
 import stat
 import struct
 import unicodedata
@@ -17,7 +16,7 @@ import zlib
 from collections.abc import Container, Iterable, Iterator
 from pathlib import Path, PurePosixPath
 
-from physgen.files import partial
+from physgen.files import new_folder
 from physgen.problems import InputError
 from physgen.scene.document import MAX_BYTES
 from physgen.scene.files import RefusedError, image_size
@@ -125,16 +124,8 @@ def unpack_to(data: bytes, folder: Path, name: str = "the pack") -> Path:
     with _archive(data, name) as archive:
         infos = _checked(archive, name)
         scene = _scene(archive, {info.filename for info in infos}, name)
-        beside = partial(folder.absolute())
-        try:
-            beside.mkdir(parents=True)
+        with new_folder(folder) as beside:
             _write(archive, infos, beside, name)
-            if folder.exists():
-                folder.rmdir()
-            beside.rename(folder)
-        except BaseException:
-            shutil.rmtree(beside, ignore_errors=True)
-            raise
     return folder / scene
 
 

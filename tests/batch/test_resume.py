@@ -60,7 +60,7 @@ def test_what_is_there_is_not_made_again(lesson: Path, render: Render) -> None:
     [
         ("--set", "objects.ball.mass=101"),
         ("--format", "mp4,gif"),
-        ("--report", "plain"),
+        ("--report", "full"),
     ],
 )
 def test_another_question_is_answered_anew(lesson: Path, render: Render, flags: tuple[str, ...]) -> None:
