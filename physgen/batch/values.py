@@ -69,9 +69,14 @@ def split(text: str) -> Iterator[tuple[str, bool]]:
     except (yaml.YAMLError, RecursionError, ValueError):
         fix = "close brackets and quotes, and put text that holds such a character in quotes within quotes"
         raise ValueTextError("is not YAML with commas between the values", fix) from None
-    for node in root.value if root is not None else ():
-        bare = isinstance(node, yaml.ScalarNode) and node.style is None
-        yield text[node.start_mark.index - 1 : node.end_mark.index - 1].strip(), bare
+    nodes = root.value if root is not None else []
+    spans = [(node.start_mark.index - 1, node.end_mark.index - 1) for node in nodes]
+    begins, ends = [begin for begin, _ in spans], [end for _, end in spans]
+    if any("#" in text[begin:end] for begin, end in zip([0, *ends], [*begins, len(text)], strict=True)):
+        fix = "put text that holds # in quotes within quotes"
+        raise ValueTextError("holds # after a space, which begins a comment", fix)
+    for node, (begin, end) in zip(nodes, spans, strict=True):
+        yield text[begin:end].strip(), isinstance(node, yaml.ScalarNode) and node.style is None
 
 
 def read_values(text: str) -> tuple[Value, ...]:

@@ -174,6 +174,13 @@ def method(text: str) -> tuple[str, Path]:
     return name.strip(), Path(path)
 
 
+def _draws(text: str) -> int:
+    value = whole(0, 10_000)(text)
+    if 0 < value < 20:
+        raise argparse.ArgumentTypeError(f"{text} draws are too few for an interval; write 20 or more, or 0")
+    return value
+
+
 def add_fid(parser: Parser) -> None:
     about = "videos, folders of frames, or folders of such, physgen's output folders among them: one method's clips"
     parser.add_argument("clips", metavar="CLIPS", type=Path, nargs="*", help=about)
@@ -193,7 +200,11 @@ def add_fid(parser: Parser) -> None:
     parser.option("--skip", "N", count, about, 0)
     parser.option("--size", "PX", whole(16, 4096), "the shorter side of all frames; default: 256", 256)
     parser.option(
-        "--draws", "N", whole(0, 10_000), "resamplings of clips for intervals, 0 for none; default: 200", 200
+        "--draws",
+        "N",
+        _draws,
+        "resamplings of clips for intervals, 20 or more, 0 for none; default: 200",
+        200,
     )
     parser.option("--seed", "N", seed, "of those draws; default: 0", 0)
     parser.option("--device", "DEVICE", str, "where Inception runs: auto, cpu, cuda, mps", "auto")

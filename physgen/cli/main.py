@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import io
+import re
 import signal
 import sys
 from collections.abc import Sequence
@@ -35,6 +36,8 @@ from physgen.signals import install_handler
 
 BATCHES = ("render", "sweep", "export", "verify")
 """Commands that make many results, which a program may read."""
+URL = re.compile(r"(s3|gs|gcs|az|abfs|https?|ftp|sftp|hdfs|file|memory)://")
+"""Scenes and results are files; for one version, what used to be read from elsewhere is refused with the way out."""
 UNREAD = 141
 """Exit code when the reader of the output has ended (128 + SIGPIPE): the results are incomplete."""
 
@@ -45,7 +48,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # the name of a file need not be text
             stream.reconfigure(errors="backslashreplace")
-    options = build_parser().parse_args(joined(given))
+    parser = build_parser()
+    for before, text in zip(["", *given], given, strict=False):
+        if URL.match(text) and (before in ("-o", "--output") or not before.startswith("-")):
+            parser.error(f"{text}: URLs are not read or written; mount the store, or copy the files")
+    options = parser.parse_args(joined(given))
     options.command_line = ["physgen", *given]
     with suppress(ValueError):  # not the main thread, which alone gets signals
         signal.signal(signal.SIGTERM, _interrupt)

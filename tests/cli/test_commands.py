@@ -415,3 +415,22 @@ def test_a_stopped_batch_ends_and_leaves_nothing(sign: signal.Signals, lesson: P
     assert batch.returncode == 130
     assert b"Traceback" not in told
     assert list(out.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        pytest.param(("render", "SCENE", "-o", "s3://bucket/out"), id="output"),
+        pytest.param(("render", "s3://bucket/scene.yaml"), id="scene"),
+    ],
+)
+def test_urls_are_refused_and_nothing_is_written(
+    lesson: Path, tmp_path: Path, monkeypatch, capsys, arguments: tuple[str, ...]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(SystemExit) as ended:
+        main([str(lesson) if text == "SCENE" else text for text in arguments])
+    assert ended.value.code == 2
+    assert "mount the store, or copy the files" in capsys.readouterr().err
+    assert sorted(tmp_path.rglob("*")) == before
