@@ -16,7 +16,7 @@ LAYERS = (
     "pipeline", "batch", "evaluate", "edit", "cli",
 )  # fmt: skip
 """From the bottom up; the flat modules at the root are the core, apart from the entry points."""
-ENTRY_POINTS = {"physgen.__main__": "cli", "physgen.pytest_plugin": "batch"}
+ENTRY_POINTS = {"physgen.__main__": "cli"}
 MODEL_LIBRARIES = {"torch", "transformers", "diffusers", "accelerate", "openai", "jax", "tensorflow"}
 WITH_MODELS = {"backends"}
 """Folders that may import them."""

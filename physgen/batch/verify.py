@@ -20,13 +20,11 @@ from physgen import pipeline
 from physgen.batch.clips import Manifest, read_manifest
 from physgen.batch.compare import (
     MotionDifference,
-    Samples,
     changed_environment,
     changed_files,
     changed_values,
     counted,
     few,
-    level_differences,
     motion_difference,
 )
 from physgen.export.video import Format
@@ -282,7 +280,7 @@ def _motion_difference(folder: Path, samples: Sequence[str], now: Trajectory) ->
     then = _stored_motion(folder / "trajectory.npz", samples)
     if then is None:
         return MotionDifference(first, time, counts, unnamed=NO_OLD_MOTION)
-    found = motion_difference(Samples.of(then), Samples.of(now))
+    found = motion_difference(then, now)
     return found or MotionDifference(first, time, counts)
 
 
@@ -307,8 +305,8 @@ def _frame_difference(
     if file not in undamaged:
         return replace(found, unmeasured="there are no PNG frames")
     with Image.open(folder / file, formats=("PNG",)) as image:  # a clip may come from anywhere
-        levels = level_differences(np.asarray(image, np.uint8), pictures[0])
-    if levels is None:
+        before = np.asarray(image, np.int16)
+    if before.shape != pictures[0].shape:
         return replace(found, unmeasured="frames were of another size")
-    levels = levels.max(axis=2)
+    levels = np.abs(pictures[0] - before).max(axis=2)
     return replace(found, pixels=int((levels > 0).sum()), levels=int(levels.max()))

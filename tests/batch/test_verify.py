@@ -17,7 +17,7 @@ import pytest
 
 from physgen import pipeline
 from physgen.batch import verify as again
-from physgen.batch.compare import Samples, motion_difference
+from physgen.batch.compare import motion_difference
 from physgen.batch.verify import Outcome, Verdict, VerifyRequest, verify
 from physgen.cli.main import main
 from physgen.export.video import Format
@@ -151,7 +151,7 @@ def test_a_mass_names_the_first_sample_and_those_who_touched(desk: Path) -> None
     gaps = np.hypot(*np.moveaxis(new.poses - old.poses, -1, 0)[:2])
     for item in at_once:
         k = names.index(item.object)
-        assert item.amounts["px"] == pytest.approx(gaps[first, k], abs=1e-12)
+        assert item.px == pytest.approx(gaps[first, k], abs=1e-12)
         assert item.most_px == pytest.approx(gaps[:, k].max())
     shown = found.pictures
     assert shown is not None
@@ -304,11 +304,11 @@ def test_objects_are_named_in_the_order_in_which_they_differ(studio: Path) -> No
     poses = then.poses.copy()
     poses[2:, 0, 0] += 1e-9
     poses[7:, 1, 0] += 0.5
-    found = motion_difference(Samples.of(then), Samples.of(type(then)(**{**then.__dict__, "poses": poses})))
+    found = motion_difference(then, type(then)(**{**then.__dict__, "poses": poses}))
     assert found is not None
     assert [(item.object, item.sample) for item in found.objects] == [(then.names[0], 2), (then.names[1], 7)]
     assert found.text().startswith(f"from sample 2 (0.083 s): {then.names[0]} by 1e-09 px")
-    assert f"2 of 3 objects, at most 0.5 px ({then.names[1]} at " in found.text()
+    assert f"2 objects, at most 0.5 px ({then.names[1]} at " in found.text()
 
 
 def test_a_tree_by_command(desk: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
