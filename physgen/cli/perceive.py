@@ -1,4 +1,4 @@
-"""`perceive`, `import` and `backends`: photos, or files of other programs, to scenes."""
+"""`perceive`, `import` and `backends`: photos, or folders of the paper's code, to scenes."""
 
 from __future__ import annotations
 
@@ -48,7 +48,6 @@ def perceive(options: argparse.Namespace) -> int:
     else:
         settings |= {
             "masks": options.masks,
-            "coco": options.coco,
             "side": options.side,
             "labels": options.label,
             "asked": options.find,
@@ -63,7 +62,7 @@ def _perceive_many(options: argparse.Namespace) -> int:
     """Several photos into one folder, with models loaded once; an error in one does not stop the others."""
     from physgen import pipeline
 
-    single = {"--masks": options.masks, "--coco": options.coco, "--box": options.box, "--point": options.point,
+    single = {"--masks": options.masks, "--box": options.box, "--point": options.point,
              "--label": options.label, "--assets": options.assets}  # fmt: skip
     names = _names(options.image)
     twins = sorted({name for name in names if names.count(name) > 1})
@@ -138,7 +137,6 @@ def _refuse_beside_refresh(options: argparse.Namespace) -> None:
     beside = {
         "IMAGE": options.image[0] if options.image else None,
         "--masks": options.masks,
-        "--coco": options.coco,
         "--side": options.side,
     }
     for flag, value in beside.items():
@@ -152,10 +150,7 @@ def import_(options: argparse.Namespace) -> int:
 
     check_scene_name(options.output)
     bar = Bar()
-    if options.kind == "physgen":
-        text = pipeline.import_physgen(options.path, options.output, bar.show, print_problem, print_backup)
-    else:
-        text = pipeline.import_coco(options.path, options.image, options.output, bar.show, print_backup)
+    text = pipeline.import_physgen(options.path, options.output, bar.show, print_problem, print_backup)
     bar.clear()
     write_result(text, options.output)
     return OK
@@ -186,7 +181,6 @@ def add_perceive(parser: Parser) -> None:
     parser.option("-o --output", "SCENE", Path, "write the scene here (assets beside it); default: stdout")
     about = "label map of the photo's size: an id or colour for each object, 0 or black for none"
     parser.option("--masks", "FILE", Path, about)
-    parser.option("--coco", "FILE", Path, "COCO annotations with the photo's masks")
     about = "box around an object; may be repeated"
     parser.option("--box", "X,Y,W,H", str, about, [], action="append")
     parser.option("--point", "X,Y", str, "point on an object; may be repeated", [], action="append")
@@ -212,10 +206,8 @@ def add_backends(parser: Parser) -> None:
 
 
 def add_import(parser: Parser) -> None:
-    about = "physgen: a folder of the paper's code; coco: annotations"
-    parser.add_argument("kind", choices=("physgen", "coco"), help=about)
-    parser.add_argument("path", metavar="PATH", type=Path, help="the folder or file")
-    parser.option("--image", "IMAGE", Path, "coco: the photo; default: the file that the annotations name")
+    parser.add_argument("kind", choices=("physgen",), help="a folder of the paper's code")
+    parser.add_argument("path", metavar="PATH", type=Path, help="the folder")
     parser.option("-o --output", "SCENE", Path, "write the scene here (assets beside it); default: stdout")
 
 
@@ -234,7 +226,7 @@ PERCEIVE = Command(
 )
 IMPORT = Command(
     "import",
-    "Converts files of other programs to a scene.",
+    "Converts a scene folder of the paper's code to a scene.",
     "physgen import physgen data/pool -o pool.yaml",
     add_import,
     import_,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -29,7 +30,6 @@ from physgen.evaluate.measure import (
     plotted,
 )
 from physgen.maps import read_labels
-from physgen.perceive.import_coco import CocoImage, coco_photos, decode_segmentation
 from physgen.perceive.roles import Segment, Segments
 from physgen.photos import read_photo
 from physgen.problems import InputError, Place, Problem, Severity
@@ -92,12 +92,45 @@ class Truth:
 
 
 @dataclass(frozen=True)
+class Annotations:
+    """What a COCO file holds of one photo."""
+
+    size: tuple[int, int] | None
+    """W, H px; None where the file gives none."""
+    regions: tuple[Mapping[str, Any], ...]
+
+
+def annotation_runs(segmentation: Any, size: tuple[int, int]) -> Runs:
+    """Polygons or run lengths of a COCO file on a photo of `size` (W, H). Raises ValueError with the fault."""
+    from pycocotools import mask as coco
+
+    width, height = size
+    if isinstance(segmentation, list):
+        try:
+            if segmentation and all(len(polygon) >= 6 for polygon in segmentation):
+                return dict(coco.merge(coco.frPyObjects(segmentation, height, width)))
+        except (TypeError, ValueError):
+            pass
+        raise ValueError("is no list of polygons with three points or more, x, y, x, y, ...")
+    if not isinstance(segmentation, dict) or segmentation.get("size") != [height, width]:
+        raise ValueError(f"is neither polygons nor run lengths of size [{height}, {width}]")
+    counts = segmentation.get("counts")
+    if isinstance(counts, str):
+        return {"size": [height, width], "counts": counts.encode()}
+    if not isinstance(counts, list) or not all(isinstance(n, int) and n >= 0 for n in counts):
+        raise ValueError("has run lengths that are not counts of pixels")
+    if sum(counts) != width * height:  # pycocotools reads beyond the end of too few
+        raise ValueError("has run lengths that do not fill the photo")
+    return dict(coco.frPyObjects(segmentation, height, width))
+
+
+@dataclass(frozen=True)
 class Pair:
     """A photo's file and its truth: a label map, or the annotations of a COCO file."""
 
     photo: Path
     truth: Path
-    coco: CocoImage | None = None
+    coco: Annotations | None = None
     name: str = ""
     """Unique in the folder, and fit for a file."""
 
@@ -116,27 +149,48 @@ class Pair:
         expected = f"differs from the {rgb.shape[1]} x {rgb.shape[0]} px of {self.photo.name}"
         return InputError.of(str(self.truth), f"{width} x {height} px", expected, "make it the photo's size")
 
-    def _annotated(self, coco: CocoImage, rgb: NDArray[np.uint8]) -> Truth:
+    def _annotated(self, coco: Annotations, rgb: NDArray[np.uint8]) -> Truth:
+        from pycocotools import mask
+
         size = rgb.shape[1], rgb.shape[0]
         if coco.size is not None and coco.size != size:
             raise self._size(*coco.size, rgb)
-        unjudged, masks, problems = np.zeros(rgb.shape[:2], np.bool_), list[Runs](), list[Problem]()
-        for crowd, regions in ((False, coco.annotations), (True, coco.crowds)):
-            for k, annotation in enumerate(regions):
-                try:
-                    mask = decode_segmentation(annotation.get("segmentation"), size)
-                except ValueError as error:
-                    found = f"annotation {annotation.get('id', k)}"
-                    place = Place(str(self.truth))
-                    problems.append(Problem(place, self.name, found, str(error), "export it again"))
-                    continue
-                if crowd:
-                    unjudged |= mask
-                else:
-                    masks.append(runs(mask))
+        masks, crowds, problems = list[Runs](), [runs(np.zeros(rgb.shape[:2], np.bool_))], list[Problem]()
+        for k, region in enumerate(coco.regions):
+            try:
+                one = annotation_runs(region.get("segmentation"), size)
+            except ValueError as error:
+                found = f"annotation {region.get('id', k)}"
+                problems.append(
+                    Problem(Place(str(self.truth)), self.name, found, str(error), "export it again")
+                )
+                continue
+            (crowds if region.get("iscrowd") else masks).append(one)
         if problems:
             raise InputError(problems)
-        return Truth(rgb, tuple(masks), runs(unjudged))
+        return Truth(rgb, tuple(masks), dict(mask.merge(crowds)))
+
+
+def annotated_photos(path: Path) -> list[Pair]:
+    """The photos of a COCO file, those without objects too. Raises InputError."""
+    fix = "give a COCO instances file with a list of images"
+    try:
+        data = json.loads(path.read_text(encoding="utf-8-sig"))
+        found = []
+        for image in data["images"]:
+            regions = tuple(one for one in data["annotations"] if one["image_id"] == image["id"])
+            size = (image["width"], image["height"]) if {"width", "height"} <= image.keys() else None
+            found.append(Pair(path.parent / image["file_name"], path, Annotations(size, regions)))
+    except (OSError, RecursionError, ValueError, LookupError, TypeError, AttributeError) as error:
+        reason = str(error).partition("\n")[0][:80]
+        raise InputError.of(str(path), "", f"is no COCO file ({reason})", fix) from None
+    if not found:
+        raise InputError.of(str(path), "", "names no photos", fix)
+    names = [one.photo for one in found]
+    twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
+    if twice:
+        raise InputError.of(str(path), f'"{twice[0].name}"', "is listed twice", "list each photo once")
+    return found
 
 
 def pairs(folder: Path) -> tuple[list[Pair], list[Problem]]:
@@ -144,7 +198,7 @@ def pairs(folder: Path) -> tuple[list[Pair], list[Problem]]:
     if not folder.exists():
         raise InputError.of(str(folder), "", "no such folder", "check the path")
     if folder.is_file() and folder.suffix.lower() == ".json":
-        return _named([Pair(image.file, folder, image) for image in coco_photos(folder)], folder.parent), []
+        return _named(annotated_photos(folder), folder.parent), []
     if not folder.is_dir():
         raise InputError.of(str(folder), "", "is not a folder", "name the folder that holds the photos")
     found, warnings = list[Pair](), list[Problem]()

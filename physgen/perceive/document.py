@@ -324,7 +324,6 @@ def scene_comments(
     sources = {
         "given": "from the masks given",
         "pointed at": "where you pointed",
-        "coco": "from the annotations",
         "kept": "as the scene had them, and where you pointed",
     }
     how = sources.get(found.source, f"found by {found.source}")

@@ -96,7 +96,7 @@ def perceive(
     if not objects:
         document.relabel_objects(objects, renames, {})
         return run.signed(_empty_scene(rgb, found, pixels_per_meter))
-    if found.source not in ("given", "coco"):
+    if found.source != "given":
         new = [item for item in objects if item.id not in found.mask_sources]
         found = replace(found, labels=_rounded(found.labels, new))
     names = run.name(found, objects, renames)

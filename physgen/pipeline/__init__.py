@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from physgen.pipeline.clip import Page, RenderOptions, output_name, render_scene
 from physgen.pipeline.packs import scene_file
-from physgen.pipeline.perceiving import import_coco, import_physgen, perceive
+from physgen.pipeline.perceiving import import_physgen, perceive
 from physgen.pipeline.refining import Refiners
 from physgen.pipeline.stages import (
     Stages,
@@ -39,7 +39,6 @@ __all__ = [
     "fan",
     "filled",
     "ignore_warning",
-    "import_coco",
     "import_physgen",
     "lint",
     "load",

@@ -1,4 +1,4 @@
-"""A photo, annotations of other programs, or a scene to be perceived again: to the scene's text and its assets."""
+"""A photo, a folder of the paper's code, or a scene to be perceived again: to the scene's text and its assets."""
 
 from __future__ import annotations
 
@@ -24,8 +24,6 @@ class PerceiveOptions:
 
     masks: Path | None = None
     """A label map that shows the objects."""
-    coco: Path | None = None
-    """Annotations that name the objects."""
     boxes: Sequence[tuple[float, float, float, float]] = ()
     """x, y, w, h px of objects."""
     points: Sequence[tuple[float, float]] = ()
@@ -56,13 +54,12 @@ def perceive(
 ) -> str:
     """Photo -> the scene's text; assets, and the scene where `output` is given, are written. Raises InputError.
 
-    Objects come from `masks`, `coco`, `boxes` and `points`, or else from the segment backend. `crew` fills the roles,
+    Objects come from `masks`, `boxes` and `points`, or else from the segment backend. `crew` fills the roles,
     the offline backends unless given. `changes` are fields of PerceiveOptions. `inform` is called with a line on the
     photo's suitability.
     """
     from physgen.maps import read_labels
     from physgen.perceive.document import write_scene
-    from physgen.perceive.import_coco import coco_objects, read_coco
     from physgen.perceive.perceive import LONGEST_SIDE, shrink_detections, shrink_photo
     from physgen.perceive.perceive import perceive as run
     from physgen.perceive.segment.prompts import Segmenter, from_masks, from_prompts, weak_prompts
@@ -70,11 +67,11 @@ def perceive(
     from physgen.registry import Backends
 
     options = replace(options or PerceiveOptions(), **changes)
-    masks, coco, boxes, points = options.masks, options.coco, options.boxes, options.points
+    masks, boxes, points = options.masks, options.boxes, options.points
     crew = crew or Backends()
     crew.begin()
-    if sum((masks is not None, coco is not None, bool(boxes or points))) > 1:
-        fix = "choose --masks, --coco, or --box and --point"
+    if masks is not None and (boxes or points):
+        fix = "choose --masks, or --box and --point"
         raise InputError.of("perceive", "", "was given the objects in more than one way", fix)
     photo = read_photo(image)
     place = Place(str(image))
@@ -92,8 +89,6 @@ def perceive(
     found = None
     if masks is not None:
         found = from_masks(read_labels(masks))
-    elif coco is not None:
-        found = coco_objects(coco, read_coco(coco, image), (width, height))
     elif boxes or points:
         x, y = rgb.shape[1] / width, rgb.shape[0] / height
         boxes = [(box[0] * x, box[1] * y, box[2] * x, box[3] * y) for box in boxes]
@@ -116,7 +111,7 @@ def perceive(
 def _unused_choices(crew: Backends, options: PerceiveOptions) -> list[Problem]:
     """Warnings about options that the segment backend does not use."""
     uses, found = crew.row("segment").uses, []
-    if options.asked and (options.masks or options.coco or "categories" not in uses):
+    if options.asked and (options.masks or "categories" not in uses):
         fix = "choose e.g. --backend segment=grounding-dino+sam"
         expected = "has no effect: no backend here finds named objects"
         asked = f'"{", ".join(options.asked)}"'
@@ -145,19 +140,6 @@ def import_physgen(
         warn(problem)
     assets = None if output else Path(f"{folder.resolve().name}.assets")
     return write_scene(imported, folder / "original.png", "original", output, assets, keep)
-
-
-def import_coco(
-    file: Path,
-    image: Path | None = None,
-    output: Path | None = None,
-    progress: Progress = silent,
-    keep: Keep = lambda kept: None,
-) -> str:
-    """One photo of a COCO file -> the scene's text; writes as `perceive` does."""
-    from physgen.perceive.import_coco import read_coco
-
-    return perceive(image or read_coco(file).file, output, coco=file, progress=progress, keep=keep)
 
 
 def refresh(

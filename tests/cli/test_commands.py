@@ -275,7 +275,6 @@ def test_perceive_keeps_what_was_edited(photo: tuple[Path, Path], tmp_path: Path
         (["render", "{lesson}", "--variant", "hevy"], "heavy"),
         (["simulate", "{lesson}", "--variant", "all"], "names more than one"),
         (["import", "physgen", "no-such-folder"], "no-such-folder: is not a folder"),
-        (["import", "coco", "no.json"], "no.json"),
         (
             ["simulate", "{lesson}", "-o", "{lesson}"],
             "is no name for a trajectory; end it in .npz, .csv or .json",

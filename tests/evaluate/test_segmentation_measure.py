@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from physgen.cli.main import main
-from physgen.evaluate.segmentation import evaluate, pairs
+from physgen.evaluate.segmentation import annotation_runs, evaluate, pairs
 from physgen.problems import InputError
 
 DISCS = [(60, 60, 24), (150, 70, 28), (110, 150, 26), (24, 180, 28)]
@@ -143,6 +143,16 @@ def test_a_coco_file_that_does_not_fit_its_photos_is_refused(
     (tmp_path / "c.json").write_text(json.dumps({"images": images, "annotations": annotations}))
     assert main(["evaluate", "segmentation", str(tmp_path / "c.json")]) == 2
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [None, [], [[1, 2, 3]], [["a", 2, 3, 4, 5, 6]], {"size": [2, 3], "counts": [6]},
+     {"size": [20, 30], "counts": [599]}, {"size": [20, 30], "counts": [-1, 601]}],
+)  # fmt: skip
+def test_annotations_that_cannot_be_read_are_refused(wrong: object) -> None:
+    with pytest.raises(ValueError, match=r"^(is|has) "):
+        annotation_runs(wrong, (30, 20))
 
 
 def test_what_is_smaller_than_a_pixel_is_there_and_missed(

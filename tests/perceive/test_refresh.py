@@ -225,7 +225,7 @@ def test_a_small_thing_before_a_large_one(tmp_path: Path) -> None:
     assert main(["perceive", str(photo), *ball, *ball, "-o", str(ones[1])]) == 2
 
 
-@pytest.mark.parametrize("flag", ["IMAGE", "--masks", "--coco", "--side"])
+@pytest.mark.parametrize("flag", ["IMAGE", "--masks", "--side"])
 def test_a_scene_tells_its_photo_and_its_masks(
     flag: str, scene: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -164,9 +164,7 @@ def judge_suitability(
     size, view = np.bincount(found.labels.ravel(), minlength=1) / found.labels.size, boundaries.confidence
     area = {t.id: float(size[t.id]) for t in objects}
     reasons = (
-        []
-        if found.source in ("given", "coco", "pointed at", "kept")
-        else _photo_doubts(rgb, found, objects, area)
+        [] if found.source in ("given", "pointed at", "kept") else _photo_doubts(rgb, found, objects, area)
     )
     living = sum(share for i, share in area.items() if i in names and _is_living(names[i]))
     if living >= DOUBTS.living:
