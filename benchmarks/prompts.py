@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import json
-import os
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import cv2
 import numpy as np
+from segments import UNJUDGED
+from segments import photos as sets
 
 from physgen.maps import read_labels
 from physgen.perceive.segment.prompts import photo_proposals, segment_box, segment_point
 from physgen.photos import read_image
 from physgen.problems import InputError
 
-ROOT = Path(__file__).resolve().parent.parent
-PEERS = ("pool", "domino", "pig_ball", "boxes")
 SLACK = 0.1
 """Of the box's size: how far each side is moved outwards, or by chance out or in."""
 DRAWS = 2
@@ -26,18 +24,13 @@ LEAST = 64
 """px: smaller objects are not asked for."""
 
 
-def photos(names: tuple[str, ...] = ()) -> Iterator[tuple[str, str, np.ndarray, np.ndarray]]:
-    """Name, half, rgb (H, W, 3), labels (H, W) of the studio's photos and, where they are, of the peers'."""
-    split = json.loads((ROOT / "studio/split.json").read_text())
-    half = {name: key for key in ("tune", "test") for name in split[key]}
-    files = {
-        n: (ROOT / "scenes" / n / "photo.png", ROOT / "scenes" / n / "photo.assets/masks.png") for n in half
-    }
-    if folder := os.environ.get("PHYSGEN_PEER_SCENES"):
-        files |= {n: (Path(folder, n, "original.png"), Path(folder, n, "mask.png")) for n in PEERS}
-    for name, (photo, masks) in files.items():
-        if not names or name in names:
-            yield name, half.get(name, "real"), read_image(photo), read_labels(masks)
+def photos(folder: Path) -> Iterator[tuple[str, str, np.ndarray, np.ndarray]]:
+    """Name, set, rgb (H, W, 3), labels (H, W) of all photos but the rendered homes."""
+    for name, some in sets(folder).items():
+        for pair in some if name != "homes" else ():
+            labels = read_labels(pair.truth)
+            labels[labels == UNJUDGED] = 0
+            yield pair.name, name, read_image(pair.photo), labels
 
 
 def asked(labels: np.ndarray, seed: int) -> Iterator[tuple[np.ndarray, dict[str, list[tuple[float, ...]]]]]:
@@ -95,6 +88,8 @@ def measure(name: str, half: str, rgb: np.ndarray, labels: np.ndarray) -> dict:
                 if kind == "box":
                     took.append(time.perf_counter() - before)
                 found[kind].append(overlap(cut, mask))
+    if not found["box"]:
+        return {}
     row = {"photo": name, "half": half, "objects": len(found["box"])}
     for kind, values in found.items():
         row |= {
@@ -106,4 +101,4 @@ def measure(name: str, half: str, rgb: np.ndarray, labels: np.ndarray) -> dict:
 
 
 def prompts(folder: Path) -> list[dict]:
-    return [measure(*photo) for photo in photos()]
+    return [row for photo in photos(folder) if (row := measure(*photo))]

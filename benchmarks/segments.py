@@ -1,4 +1,4 @@
-"""Objects found in photos without masks: by edges and network together, and by either alone."""
+"""Objects found in photos without masks, and their names."""
 
 from __future__ import annotations
 
@@ -6,15 +6,17 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from time import process_time
 
+import cv2
 import numpy as np
 
 from physgen import registry
-from physgen.evaluate.segmentation import Pair, evaluate, pairs
+from physgen.evaluate.segmentation import Pair, Photo, as_photo, evaluate, match, pairs
 from physgen.perceive.backends import label_imagenet
 from physgen.perceive.roles import Rgb, Segments
 
@@ -22,8 +24,19 @@ ROOT = Path(__file__).resolve().parents[1]
 PEERS = ("pool", "domino", "pig_ball", "boxes")
 
 
-def photos() -> dict[str, list[Pair]]:
-    """The sets: the studio's halves, homes made for validation, peers' photos where their folder is told."""
+LEAST = 0.01
+"""Of the photo: the smallest object of COCO that counts."""
+UNJUDGED = 65535
+"""Id in a label map where truth is unknown."""
+
+
+def photos(folder: Path) -> dict[str, list[Pair]]:
+    """The sets: the studio's halves, homes made for validation, peers' photos where PHYSGEN_PEER_SCENES names them, and
+    household photos and COCO's validation photos where PHYSGEN_MATERIAL does; label maps are written to `folder`.
+
+    Of COCO, movable objects of 1 % of the photo or more count. What is not labelled, and smaller objects, are not
+    judged. People, animals and furniture are background: to find one is wrong.
+    """
     split = json.loads((ROOT / "studio/split.json").read_text())
     sets = {
         half: [
@@ -37,28 +50,77 @@ def photos() -> dict[str, list[Pair]]:
         for half in ("tune", "test")
     }
     sets["homes"] = pairs(ROOT / "studio/segmentation/validation")[0]
-    if folder := os.environ.get("PHYSGEN_PEER_SCENES"):
+    if peers := os.environ.get("PHYSGEN_PEER_SCENES"):
         sets["peers"] = [
-            Pair(Path(folder) / name / "original.png", Path(folder) / name / "mask.png", name=name)
+            Pair(Path(peers) / name / "original.png", Path(peers) / name / "mask.png", name=name)
             for name in PEERS
         ]
+    if material := os.environ.get("PHYSGEN_MATERIAL"):
+        household = sorted(path for path in (Path(material) / "photos").iterdir() if path.is_dir())
+        sets["household"] = [Pair(p / "original.png", p / "mask.png", name=p.name) for p in household]
+        sets["coco"] = list(_coco(folder))
     return sets
 
 
+def _coco(folder: Path) -> Iterator[Pair]:
+    """COCO's validation photos that hold objects that count."""
+    sys.path.append(str(ROOT / "studio/segmentation"))
+    from coco import photos as labelled  # type: ignore[import-not-found]
+    from store import IMMOVABLE, UNSAID  # type: ignore[import-not-found]
+
+    for name, rgb, coded in labelled(validation=True):
+        area = np.bincount(coded.ravel(), minlength=256)
+        labels = np.where(coded < IMMOVABLE, coded, 0).astype(np.uint16)
+        labels[(coded == UNSAID) | ((labels > 0) & (area < LEAST * labels.size)[coded])] = UNJUDGED
+        if ((labels > 0) & (labels < UNJUDGED)).any():
+            photo, truth = folder / f"coco-{name}.png", folder / f"coco-{name}.labels.png"
+            cv2.imwrite(str(photo), rgb[..., ::-1])
+            cv2.imwrite(str(truth), labels)
+            yield Pair(photo, truth, name=f"coco-{name}")
+
+
+REAL = ("peers", "household", "coco")
+"""Sets of real photos: their confidences are counted together."""
+CONFIDENCES = (0.25, 0.4, 0.55, 0.7, 0.85, 1.0)
+"""Borders of the bins of the reliability table."""
+
+
 def segmentation(folder: Path) -> list[dict]:
-    """Rows a photo (`photo`) for both together, and a row a set (`photo` is "") for each way."""
-    ways: dict[str, Callable[[Rgb], Segments]] = {"both": registry.make("segment", "learned")}
+    """Rows a photo (`photo` is its name), a row a set (`photo` is ""), and a row a bin of confidence (`set` is
+    "reliability")."""
+    find = registry.make("segment", "learned")
+    rows, real = [], []
+    for name, some in photos(folder).items():
+        kept: list[Segments] = []
+
+        def keep(rgb: Rgb, kept: list[Segments] = kept) -> Segments:
+            kept.append(find(rgb))
+            return kept[-1]
+
+        before = process_time()
+        found = evaluate(some, keep)
+        cpu = (process_time() - before) / len(some)
+        rows += [{"set": name, **row} for row in found.rows]
+        total = {key: value for key, value in found.total.items() if key not in ("ap", "ap_by_iou")}
+        rows.append({"set": name, "photo": "", **total, "cpu": cpu})
+        if name in REAL:
+            real += [as_photo(pair.name, pair.read(), one) for pair, one in zip(some, kept, strict=True)]
+    return rounded([*rows, *_reliability(real)])
+
+
+def _reliability(real: list[Photo]) -> list[dict]:
+    """How many detections are right, by the confidence that perception states."""
+    judged = match(real).photos
+    stated = np.concatenate([one.confidence for one in judged] or [np.zeros(0)])
+    right = np.concatenate([one.right for one in judged] or [np.zeros(0, bool)])
     rows = []
-    for name, some in photos().items():
-        for way, find in ways.items():
-            before = process_time()
-            found = evaluate(some, find)
-            cpu = (process_time() - before) / len(some)
-            if way == "both":
-                rows += [{"set": name, "way": way, **row} for row in found.rows]
-            total = {key: value for key, value in found.total.items() if key not in ("ap", "ap_by_iou")}
-            rows.append({"set": name, "way": way, "photo": "", **total, "cpu": cpu})
-    return rounded(rows)
+    for low, high in pairwise(CONFIDENCES):
+        inside = (stated >= low) & ((stated < high) | (high == 1.0))
+        if inside.any():
+            share, mean = float(right[inside].mean()), float(stated[inside].mean())
+            row = {"from": low, "to": high, "found": int(inside.sum()), "stated": mean, "right": share}
+            rows.append({"set": "reliability", "photo": None, **row})
+    return rows
 
 
 def names(folder: Path) -> list[dict]:
