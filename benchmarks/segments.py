@@ -11,14 +11,16 @@ from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from time import process_time
+from unittest.mock import patch
 
 import cv2
 import numpy as np
 
 from physgen import registry
-from physgen.evaluate.segmentation import Pair, Photo, as_photo, evaluate, match, pairs
-from physgen.perceive.backends import label_imagenet
+from physgen.evaluate.segmentation import Found, Pair, Photo, as_photo, evaluate, match, pairs
+from physgen.perceive.backends import label_imagenet, segment_learned
 from physgen.perceive.roles import Rgb, Segments
+from physgen.perceive.segment.candidates import FEATURES
 
 ROOT = Path(__file__).resolve().parents[1]
 PEERS = ("pool", "domino", "pig_ball", "boxes")
@@ -85,12 +87,23 @@ CONFIDENCES = (0.25, 0.4, 0.55, 0.7, 0.85, 1.0)
 """Borders of the bins of the reliability table."""
 
 
+def taken_away() -> dict[str, dict[str, object]]:
+    """Parts of finding objects, and what stands in segment_learned without each of them."""
+    constants, foreground = segment_learned.LEARNED, FEATURES.index("foreground")
+    return {
+        "joining of parts": {"LEARNED": replace(constants, covered=np.inf)},
+        "agreement of edges": {"LEARNED": replace(constants, agreement=0.0)},
+        "gaps between objects": {"LEARNED": replace(constants, gap_penalty=0.0)},
+        "the judge": {"expected_fit": lambda evidence: evidence[:, foreground].copy()},
+    }
+
+
 def segmentation(folder: Path) -> list[dict]:
-    """Rows a photo (`photo` is its name), a row a set (`photo` is ""), and a row a bin of confidence (`set` is
-    "reliability")."""
+    """Rows a photo (`photo` is its name), a row a set (`photo` is ""), a row a set of real photos without a part
+    (`without`), and a row a bin of confidence (`set` is "reliability")."""
     find = registry.make("segment", "learned")
-    rows, real = [], []
-    for name, some in photos(folder).items():
+    rows, real, sets = [], [], photos(folder)
+    for name, some in sets.items():
         kept: list[Segments] = []
 
         def keep(rgb: Rgb, kept: list[Segments] = kept) -> Segments:
@@ -101,11 +114,21 @@ def segmentation(folder: Path) -> list[dict]:
         found = evaluate(some, keep)
         cpu = (process_time() - before) / len(some)
         rows += [{"set": name, **row} for row in found.rows]
-        total = {key: value for key, value in found.total.items() if key not in ("ap", "ap_by_iou")}
-        rows.append({"set": name, "photo": "", **total, "cpu": cpu})
+        rows.append({"set": name, "photo": "", **_total(found), "cpu": cpu})
         if name in REAL:
             real += [as_photo(pair.name, pair.read(), one) for pair, one in zip(some, kept, strict=True)]
+    for part, stand_ins in taken_away().items():
+        with patch.multiple(segment_learned, **stand_ins):
+            for name in REAL:
+                if name in sets:
+                    rows.append(
+                        {"set": name, "without": part, "photo": None, **_total(evaluate(sets[name], find))}
+                    )
     return rounded([*rows, *_reliability(real)])
+
+
+def _total(found: Found) -> dict:
+    return {key: value for key, value in found.total.items() if key not in ("ap", "ap_by_iou")}
 
 
 def _reliability(real: list[Photo]) -> list[dict]:

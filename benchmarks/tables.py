@@ -477,6 +477,7 @@ def _segmentation(rows: list[dict]) -> list[str]:
         for row in rows
         if row["set"] == "reliability"
     ]
+    without = [[row["without"], row["set"], *cells(row)] for row in rows if "without" in row]
     photos = [[row["photo"], row["set"], *cells(row)] for row in rows if row["photo"]]
     counts = ["hit", "found", "true", "precision", "recall", "mean IoU"]
     return [
@@ -492,6 +493,10 @@ def _segmentation(rows: list[dict]) -> list[str]:
         "Reliability on the real photos (peers, household, COCO): the confidence stated, and the share that is right.",
         "",
         *_table(["confidence", "found", "stated", "right"], reliability),
+        "",
+        "The same with one part taken away; without the judge the network's mean foreground ranks proposals.",
+        "",
+        *_table(["without", "set", *counts], without),
         "",
         "Each photo:",
         "",
