@@ -1,4 +1,5 @@
-"""docs/gallery.md and its pictures: every scene and what physgen makes of it, beside the truth where it was filmed.
+"""docs/gallery.md and its pictures: every scene and what physgen makes of it, beside the truth where it was filmed; and
+the pictures of the README.
 
 python studio/gallery.py            # all scenes; needs no Mitsuba
 """
@@ -13,9 +14,11 @@ from PIL import Image
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT)]
-from physgen import pipeline  # noqa: E402
+from physgen import pipeline, registry  # noqa: E402
 from physgen.photos import read_image  # noqa: E402
+from physgen.render.overlay import annotate_frames  # noqa: E402
 from physgen.render.stage import Frame  # noqa: E402
+from physgen.scene.scene import Overlay  # noqa: E402
 from physgen.simulate.engine import simulate  # noqa: E402
 
 COLUMNS = 6
@@ -53,7 +56,54 @@ def sheet(name: str) -> tuple[np.ndarray, str]:
     ), f"above the truth (Mitsuba), below physgen's video, 0 to {times[-1]:.2f} s"
 
 
+HERO, HERO_WIDE, HERO_FPS = "billiards", 640, 20
+"""Scene, width in px and frames a second of the README's animation."""
+HOLD = 16
+"""Frames for which its photo, and the outlines with the push, stand still."""
+FOUND = {"billiards": True, "dominoes": True, "pendulum": False, "cans": False}
+"""Photos of the README that suit, and that do not."""
+
+
+def hero() -> list[np.ndarray]:
+    """The photo, its outlines and push, and the video, one after the other."""
+    scene = pipeline.load(ROOT / "scenes" / HERO / "scene.yaml")
+    maps = pipeline.percepts(scene)
+    compiled = pipeline.compile(scene, maps)
+    trajectory = simulate(compiled.world, np.arange(0, scene.world.duration, 1 / HERO_FPS))
+    drawn = list(pipeline.render(pipeline.stage(scene, compiled, maps), trajectory))
+    marked = next(
+        annotate_frames(iter(drawn[:1]), compiled.world, trajectory, (Overlay.OUTLINES, Overlay.VELOCITY))
+    )
+    every = [drawn[0].rgb] * HOLD + [marked.rgb] * HOLD + [frame.rgb for frame in drawn]
+    size = HERO_WIDE, round(HERO_WIDE * scene.size[1] / scene.size[0])
+    return [cv2.resize(rgb, size, interpolation=cv2.INTER_AREA) for rgb in every]
+
+
+def found(name: str) -> np.ndarray:
+    """The photo with the outlines of the objects that perception finds."""
+    rgb = read_image(ROOT / "scenes" / name / "photo.png")
+    labels, picture = registry.make("segment")(rgb).labels, rgb.copy()
+    for k in range(1, int(labels.max()) + 1):
+        loops, _ = cv2.findContours((labels == k).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        cv2.drawContours(picture, loops, -1, (255, 255, 255), 7)
+        cv2.drawContours(picture, loops, -1, (0, 120, 255), 4)
+    return _square(picture)
+
+
+def readme() -> None:
+    """docs/hero.webp and docs/found.webp."""
+    first, *others = map(Image.fromarray, hero())
+    first.save(
+        ROOT / "docs/hero.webp", "WEBP", save_all=True, append_images=others, duration=1000 // HERO_FPS,
+        loop=0, quality=60, method=6,
+    )  # fmt: skip
+    Image.fromarray(row([found(name) for name in FOUND])).save(
+        ROOT / "docs/found.webp", "WEBP", quality=82, method=6
+    )
+
+
 def main() -> None:
+    readme()
     folder = ROOT / "docs/gallery"
     folder.mkdir(exist_ok=True)
     split = json.loads((ROOT / "studio/split.json").read_text())
