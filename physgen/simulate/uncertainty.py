@@ -170,64 +170,40 @@ def size(body: Body) -> float:
 def outcome(world: World, run: Trajectory) -> Outcome:
     """The outcome of a densely sampled simulation.
 
-    A body tips where it turns by more than 45 degrees; circles do not, nor what a joint holds. It drops where it gets
-    lower by more than half its size, and comes down as far at once: through the air, or more steeply than at 45
-    degrees. What slides or rolls down a slope does not.
+    A body falls where it tips, by more than 45 degrees, or drops by more than half its size, more steeply than at 45
+    degrees: what slides or rolls down a slope does not. Circles do not tip. What a joint holds does not fall.
     """
     start, final = run.poses[0], run.poses[-1]
     sizes = np.array([size(body) for body in world.bodies])
     away = np.hypot(*np.moveaxis(run.poses[:, :, :2] - start[:, :2], 2, 0)).max(axis=0)
     turned = np.abs(run.poses[:, :, 2] - start[:, 2]).max(axis=0)
     tips = (turned > TIP_ANGLE) & np.array([body.radius is None for body in world.bodies], bool)
-    falls = _can_fall(world) & (tips | _drops(world, run, SIZE_SHARE * sizes))
+    falls = _can_fall(world) & (tips | (_drop(world, run) > SIZE_SHARE * sizes))
     fates = np.where(away > SIZE_SHARE * sizes, Fate.MOVES, Fate.STAYS)
     fates = np.where(_outside(world, final), Fate.LEAVES, fates)
     return Outcome(np.where(falls, Fate.FALLS, fates).astype(np.int32), final)
 
 
 def _can_fall(world: World) -> Flags:
-    """Dynamic bodies of a scene with gravity that no joint holds in the world."""
-    free = np.array([body.motion is Motion.DYNAMIC for body in world.bodies], bool)
-    if world.view is View.TOP or not world.gravity.any():
-        return np.zeros(len(free), bool)
-    held, more = ~free, True
-    while more:  # what is joined to a held body is held
-        more = False
-        for joint in world.joints:
-            ends = [joint.first] if joint.second is None else [joint.first, joint.second]
-            if (joint.second is None or held[ends].any()) and not held[ends].all():
-                held[ends] = more = True
-    return np.asarray(free & ~held)
+    """Dynamic bodies without joints, of a scene with gravity that is seen from the side."""
+    joined = {body for joint in world.joints for body in (joint.first, joint.second)}
+    pulled = world.view is View.SIDE and world.gravity.any()
+    free = [
+        pulled and body.motion is Motion.DYNAMIC and k not in joined for k, body in enumerate(world.bodies)
+    ]
+    return np.array(free, bool)
 
 
-def _drops(world: World, run: Trajectory, least: Array) -> Flags:
-    if not world.gravity.any() or len(run.times) < 2:
-        return np.zeros(len(world.bodies), bool)
+def _drop(world: World, run: Trajectory) -> Array:
+    """(B,) px that bodies come down in samples in which they come down by more than they go across; no more than they
+    ever are below their place at the start."""
+    if not world.gravity.any():
+        return np.zeros(len(world.bodies))
     down = world.gravity / np.hypot(*world.gravity)
-    depth = (run.poses[:, :, :2] - run.poses[0, :, :2]) @ down
-    across = (run.poses[:, :, :2] - run.poses[0, :, :2]) @ np.array([-down[1], down[0]])
-    steep = np.diff(depth, axis=0) > np.abs(np.diff(across, axis=0))
-    falling = steep | ~_touching(run)
-    fallen = np.zeros(len(least), bool)
-    top = depth[0]
-    for k in range(1, len(depth)):
-        top = np.where(falling[k - 1], np.minimum(top, depth[k]), depth[k])
-        fallen |= (depth[k] - top > least) & (depth[k] > least)
-    return fallen
-
-
-def _touching(run: Trajectory) -> Flags:
-    """(T - 1, B): whether a body has a contact between two samples."""
-    count = len(run.names)
-    found = np.zeros((len(run.times) - 1, count), bool)
-    contacts = run.contacts
-    begins = np.searchsorted(run.times, contacts.touch_times[:, 0], side="right") - 1
-    ends = np.searchsorted(run.times, contacts.touch_times[:, 1], side="left")
-    for pair, begin, end in zip(contacts.touch_pairs.tolist(), begins.tolist(), ends.tolist(), strict=True):
-        for body in pair:
-            if body < count:
-                found[max(begin, 0) : end, body] = True
-    return found
+    steps = np.diff(run.poses[:, :, :2], axis=0)
+    deeper, across = steps @ down, np.abs(steps @ np.array([-down[1], down[0]]))
+    steep = np.where(deeper > across, deeper, 0.0).sum(axis=0)
+    return np.asarray(np.minimum(steep, (deeper.cumsum(axis=0)).max(axis=0, initial=0.0)))
 
 
 def _outside(world: World, poses: Array) -> Flags:
