@@ -85,12 +85,12 @@ def test_choices_report_every_mistake():
 
 def test_flags_override_the_file_and_another_file_may_be_named(tmp_path: Path):
     write(tmp_path / "home/physgen/physgen.toml", 'device = "cuda:1"\n[backend]\nsegment = "learned"\n')
-    file = write(tmp_path / "mine.toml", '[backend]\nsegment = "sam3"\nphysics = "vlm"\n[vlm]\nsamples = 3\n')
+    file = write(tmp_path / "mine.toml", '[backend]\nsegment = "sam3"\nphysics = "vlm"\n[vlm]\ntimeout = 3\n')
     assert (load_plan().device, chosen(load_plan())) == ("cuda:1", {"segment": "learned"})
     plan = load_plan(["physics=table"], config=file)
     assert (plan.device, chosen(plan)) == ("auto", {"segment": "sam3", "physics": "table"})
     assert load_plan(device="cpu").device == "cpu"
-    assert load_plan(config=file).setup("physics").options == {"samples": 3}
+    assert load_plan(config=file).setup("physics").options == {"timeout": 3}
 
 
 def test_a_profile_of_a_flag_replaces_the_choices_of_the_file(tmp_path: Path):

@@ -31,7 +31,7 @@ KINDS = [
 def asked(body: dict[str, Any]) -> str:
     """`categories`, `label` or `physics`: what a request is about."""
     text = said(body)
-    return "physics" if "- mass:" in text else "label" if '{"objects":' in text else "categories"
+    return "physics" if "- mass:" in text else "label" if '{"name":' in text else "categories"
 
 
 def said(body: dict[str, Any]) -> str:
@@ -49,9 +49,7 @@ def good(body: dict[str, Any]) -> dict[str, Any]:
         return dict(BALL)
     if what == "categories":
         return {"categories": KINDS}
-    text = said(body)
-    count = next((n for n in range(8, 1, -1) if f"{n} objects are" in text), 1)
-    return {"objects": [{"number": k, "name": "rubber ball"} for k in range(1, count + 1)]}
+    return {"name": "rubber ball"}
 
 
 def well(http: Any, body: dict[str, Any]) -> None:
@@ -109,14 +107,6 @@ def demanding(http: Any, body: dict[str, Any]) -> None:
         if name in body:
             return status(400, f"Unsupported parameter: '{name}'.")(http, body)
     return well(http, body)
-
-
-def schemaless(http: Any, body: dict[str, Any]) -> None:
-    """A server of before there were schemas."""
-    if "response_format" in body:
-        status(400, "response_format.type json_schema is not supported")(http, body)
-    else:
-        well(http, body)
 
 
 def first(*acts: Callable[[Any, dict[str, Any]], None]) -> Callable[[Any, dict[str, Any]], None]:

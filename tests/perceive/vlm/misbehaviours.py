@@ -8,7 +8,7 @@ import os
 import re
 import socket
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -18,11 +18,10 @@ import numpy as np
 import vlm_stub as stub
 
 from physgen.cli.main import main
-from physgen.perceive.backends import vlm_client
-from physgen.perceive.backends.vlm_client import Requests
+from physgen.perceive.backends import vlm
 
 PATIENCE = "[vlm]\ntimeout = 0.4\n"
-TRIES = Requests(attempts=2, retries=1)
+TRIES = replace(vlm.VLM, attempts=2, retries=1)
 HEAVY = stub.changed(mass=2e6)
 BUSY = stub.status(429, "Rate limit reached", Retry_After="1")
 DOWN = stub.status(503, "The model is loading")
@@ -47,7 +46,7 @@ CASES = (
     Case("answers well", stub.well, 0, 1),
     Case("prose and a code fence around the JSON", stub.prose, 0, 1),
     Case("wrong types, once", stub.first(TYPES, stub.well), 0, 2),
-    Case("out of range", stub.changed(friction=7, elasticity=-0.2, rolling=2), 0, 1),
+    Case("out of range, once", stub.first(stub.changed(friction=7), stub.well), 0, 2),
     Case("impossible: 2 tonnes in 5 cm", HEAVY, 2, 2),
     Case("no JSON", stub.saying("I'm sorry, I can't tell."), 2, 2),
     Case("429, once, with Retry-After", stub.first(BUSY, stub.well), 0, 2),
@@ -55,7 +54,7 @@ CASES = (
     Case("hangs", stub.hang, 2, 2),
     Case("closes midway, once", stub.first(stub.closes, stub.well), 0, 2),
     Case("closes midway, always", stub.closes, 2, 2),
-    Case("does not know `json_schema`", stub.schemaless, 0, 2),
+    Case("wants no temperature", stub.demanding, 0, 2),
     Case("refuses the key, and says it aloud", REFUSED, 2, 1),
     Case("does not know the model", UNKNOWN, 2, 1),
     Case("gives a web page", stub.page, 2, 1),
@@ -97,7 +96,7 @@ def play(case: Case, folder: Path) -> Seen:
         url = server.url if case.act else f"http://127.0.0.1:{_closed()}/v1"
         told_to = {"PHYSGEN_VLM_URL": url, "PHYSGEN_VLM_MODEL": "stub", "PHYSGEN_VLM_KEY": stub.KEY}
         with (
-            mock.patch.object(vlm_client, "REQUESTS", TRIES),
+            mock.patch.object(vlm, "VLM", TRIES),
             _environment(told_to | {"XDG_CACHE_HOME": str(folder / "cache")}),
             contextlib.redirect_stderr(told),
         ):

@@ -7,8 +7,13 @@ import json
 import pytest
 from vlm_stub import BALL
 
-from physgen.perceive.backends.vlm import PHYSICS_SCHEMA, mass_confidence, mass_contradictions
-from physgen.perceive.backends.vlm_client import Query, UnusableAnswerError, parse_answer
+from physgen.perceive.backends.vlm import (
+    PHYSICS_SCHEMA,
+    Query,
+    UnusableAnswerError,
+    mass_contradictions,
+    parse_answer,
+)
 
 QUERY = Query("ball", "?", (), PHYSICS_SCHEMA, mass_contradictions)
 GOOD = json.dumps(BALL)
@@ -32,10 +37,10 @@ def test_what_is_plainly_meant_is_taken(text: str):
     ("change", "told"),
     [
         (("72.0", "NaN"), "mass: 'NaN' is not of type 'number'"),
-        (("72.0", "1e999"), "mass: an object whose longest side is 0.05 m cannot weigh inf g"),
+        (("72.0", "1e999"), "mass: inf is greater than the maximum of 10000000.0"),
         (("72.0", '"72 g"'), "mass: '72 g' is not of type 'number'"),
-        (("72.0", "-3"), "mass: -3 is less than or equal to the minimum of 0"),
-        (("72.0", "9e9"), "mass: an object whose longest side is 0.05 m cannot weigh 9e+09 g"),
+        (("72.0", "-3"), "mass: -3 is less than the minimum of 0.001"),
+        (("72.0", "9e6"), "mass: an object whose longest side is 0.05 m cannot weigh 9e+06 g"),
         (('"mass": 72.0, ', ""), "'mass' is a required property"),
         (("sphere", "cube"), "solid: 'cube' is not one of ['sphere', 'disc', 'hoop', 'plate']"),
         (('"rubber"', '""'), "material: '' should be non-empty"),
@@ -51,12 +56,3 @@ def test_nothing_takes_long():
     for text in HOSTILE:
         with pytest.raises(UnusableAnswerError):
             parse_answer(text, QUERY)
-
-
-def test_who_agrees_with_himself_is_surer():
-    agreed, apart, alone = (
-        mass_confidence([70.0] * 5),
-        mass_confidence([10.0, 70.0, 500.0]),
-        mass_confidence([70.0]),
-    )
-    assert apart < alone < agreed < 0.9
