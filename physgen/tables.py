@@ -7,7 +7,6 @@ import fcntl
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from enum import Enum
 from pathlib import Path
 from typing import TextIO
 
@@ -17,21 +16,11 @@ Cell = str | int | float | bool | None
 """None is an empty cell."""
 
 
-class Kind(Enum):
-    """Type of a column."""
-
-    TEXT = "text"
-    WHOLE = "whole"
-    NUMBER = "number"
-    TRUTH = "truth"
-
-
 @dataclass(frozen=True)
 class Column:
     """One column of a table."""
 
     name: str
-    kind: Kind = Kind.NUMBER
     unit: str = ""
 
 

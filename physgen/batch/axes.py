@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 from physgen.batch.values import (
@@ -13,13 +12,11 @@ from physgen.batch.values import (
     Distribution,
     Value,
     ValueTextError,
-    kind_of,
     read_distribution,
     read_values,
 )
 from physgen.problems import InputError, Place, Problem
 from physgen.scene.overlay import parse_key
-from physgen.tables import Kind
 from physgen.text import KeyPath, dotted, quoted
 
 WILDCARDS = {"*", "[*]"}
@@ -56,11 +53,6 @@ class Listed(Key):
 
     values: tuple[Value, ...]
 
-    @cached_property
-    def kind(self) -> Kind:
-        """Of its column."""
-        return kind_of(value.data for value in self.values)
-
 
 @dataclass(frozen=True)
 class Drawn(Key):
@@ -69,11 +61,6 @@ class Drawn(Key):
     distribution: Distribution
     each: bool = False
     """Every key that the wildcards match has its own draws; see `per_object`."""
-
-    @property
-    def kind(self) -> Kind:
-        """Of its column."""
-        return self.distribution.kind
 
 
 Axis = Listed | Drawn

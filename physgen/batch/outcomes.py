@@ -12,25 +12,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.simulate.trajectory import Trajectory, new_touches, rest_times
-from physgen.tables import Cell, Column, Kind
+from physgen.tables import Cell, Column
 
 ALL_OBJECTS = (
-    Column("peak_speed", Kind.NUMBER, "px/s"),
-    Column("rest_time", Kind.NUMBER, "s"),
-    Column("first_touch", Kind.NUMBER, "s"),
-    Column("touches", Kind.WHOLE),
+    Column("peak_speed", "px/s"),
+    Column("rest_time", "s"),
+    Column("first_touch", "s"),
+    Column("touches"),
 )
 EACH_OBJECT = (
-    Column("x", Kind.NUMBER, "px"),
-    Column("y", Kind.NUMBER, "px"),
-    Column("angle_degrees", Kind.NUMBER, "degrees"),
+    Column("x", "px"),
+    Column("y", "px"),
+    Column("angle_degrees", "degrees"),
     *ALL_OBJECTS,
 )
 
 
 def columns(tracked: Sequence[str]) -> tuple[Column, ...]:
     """Columns of all objects together, then `objects.NAME.` of each tracked one."""
-    each = (Column(f"objects.{name}.{c.name}", c.kind, c.unit) for name in tracked for c in EACH_OBJECT)
+    each = (Column(f"objects.{name}.{c.name}", c.unit) for name in tracked for c in EACH_OBJECT)
     return (*ALL_OBJECTS, *each)
 
 

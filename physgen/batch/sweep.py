@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from physgen.batch.axes import Axis, Drawn, Listed, same_key
 from physgen.batch.run import Done
-from physgen.batch.values import Value, cell
+from physgen.batch.values import Value
 from physgen.files import back_up
 from physgen.problems import InputError, Place, Problem, Severity
 from physgen.report.record import file_hash, versions, write_json
@@ -35,7 +35,7 @@ from physgen.report.sweep_keys import shortest_names, unit
 from physgen.scene.load import Opened
 from physgen.scene.scene import Scene
 from physgen.simulate.trajectory import REST_DURATION, REST_SPEED, REST_TURN, START_TIME
-from physgen.tables import Cell, Column, Kind
+from physgen.tables import Cell, Column
 from physgen.text import quoted
 
 MAX_CLIPS = 10_000_000
@@ -276,13 +276,13 @@ def _scene(
 
 def table_columns(sweep: Sweep, outcomes: Sequence[Column]) -> tuple[Column, ...]:
     """Columns of the table: the clip, its values, its state, its outcomes and its files."""
-    lead = (Column("number", Kind.WHOLE), *_texts("name", "variant", "folder"))
-    keys = (Column(axis.key, axis.kind, unit(_numbered(axis.path))) for axis in sweep.axes)
+    lead = (Column("number"), *_texts("name", "variant", "folder"))
+    keys = (Column(axis.key, unit(_numbered(axis.path))) for axis in sweep.axes)
     return (*lead, *keys, *_texts("state", "error"), *outcomes, *_texts("video", "manifest"))
 
 
 def _texts(*names: str) -> tuple[Column, ...]:
-    return tuple(Column(name, Kind.TEXT) for name in names)
+    return tuple(Column(name) for name in names)
 
 
 def _numbered(path: Sequence[str | int]) -> tuple[str | int, ...]:
@@ -294,7 +294,7 @@ def table_row(sweep: Sweep, point: Point, done: Done) -> dict[str, Cell]:
     """Cells by the names of columns; paths are relative to the sweep's folder."""
     cells: dict[str, Cell] = {"number": point.number, "name": point.name, "variant": point.variant or ""}
     for axis, value in zip(sweep.axes, point.values, strict=True):
-        cells[axis.key] = cell(value, axis.kind)
+        cells[axis.key] = value.cell
     if done.folder is None:
         errors = (str(problem) for problem in done.problems if problem.severity is Severity.ERROR)
         return cells | {"state": "failed", "error": " | ".join(errors)}

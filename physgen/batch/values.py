@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from math import erfc, exp, inf, isfinite, log, sqrt
@@ -15,7 +15,7 @@ import yaml
 
 from physgen.problems import InputError
 from physgen.scene.document import Source, plain, read
-from physgen.tables import Cell, Kind
+from physgen.tables import Cell
 from physgen.text import listed, nearest, number, quoted
 
 MAX_COUNT = 100_000
@@ -54,6 +54,11 @@ class Value:
     """YAML, as `--set` takes it."""
     data: Any
     """The parsed value: None, bool, int, float, str, list or dict."""
+
+    @property
+    def cell(self) -> Cell:
+        """As a table holds it; lists and mappings become YAML text."""
+        return self.text if isinstance(self.data, list | dict) else self.data
 
 
 def split(text: str) -> Iterator[tuple[str, bool]]:
@@ -159,13 +164,6 @@ class Distribution:
     values: tuple[Value, ...] = ()
     """Of a choice; a repeated value is drawn more often."""
 
-    @property
-    def kind(self) -> Kind:
-        """Of the column of draws."""
-        if self.name == "choice":
-            return kind_of(value.data for value in self.values)
-        return Kind.WHOLE if self.name == "integers" else Kind.NUMBER
-
     def at(self, share: float) -> Value:
         """The quantile: the value below which that share of draws lies, 0 < share < 1."""
         if self.name == "choice":
@@ -227,24 +225,3 @@ def _fault(found: Distribution, parts: int) -> str:
     if found.name == "integers" and (any(end % 1 for end in numbers) or max(map(abs, numbers)) > 2**50):
         return "does not hold whole numbers"
     return NO_LOGARITHM if found.name == "loguniform" and numbers[0] * numbers[1] <= 0 else ""
-
-
-def kind_of(values: Iterable[Any]) -> Kind:
-    """The narrowest kind of column for all values; None fits every kind."""
-    known = [value for value in values if value is not None]
-    types = {type(value) for value in known}
-    if not types or not types <= {int, float, bool} or (bool in types and len(types) > 1):
-        return Kind.TEXT
-    if any(isinstance(value, int) and abs(value) >= 2**63 for value in known):  # beyond an int64 column
-        return Kind.TEXT
-    return Kind.TRUTH if types == {bool} else Kind.WHOLE if types == {int} else Kind.NUMBER
-
-
-def cell(value: Value, kind: Kind) -> Cell:
-    """A value as a column of that kind stores it; lists and mappings become YAML text."""
-    data = value.data
-    if data is None:
-        return None
-    if kind is Kind.TEXT:
-        return data if isinstance(data, str) else value.text
-    return float(data) if kind is Kind.NUMBER else data

@@ -63,8 +63,6 @@ def _listed(plan: Sweep, options: argparse.Namespace) -> int:
     """All clips with their values on stdout; nothing is made."""
     import csv
 
-    from physgen.batch.values import cell
-
     rows = csv.writer(sys.stdout, lineterminator="\n")
     if not options.json:
         rows.writerow(["number", "name", "variant", *(axis.key for axis in plan.axes)])
@@ -73,7 +71,7 @@ def _listed(plan: Sweep, options: argparse.Namespace) -> int:
             row = {"number": point.number, "name": point.name, "variant": point.variant}
             print_line(json.dumps({**row, "set": point.overrides}, ensure_ascii=False))
         else:
-            cells = [cell(value, axis.kind) for value, axis in zip(point.values, plan.axes, strict=True)]
+            cells = [value.cell for value in point.values]
             rows.writerow([point.number, point.name, point.variant or "", *cells])
     return OK
 

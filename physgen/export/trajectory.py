@@ -9,29 +9,29 @@ from numpy.typing import NDArray
 
 from physgen.export.labels import Clip, Writer
 from physgen.render.camera import Shot
-from physgen.tables import Cell, Column, Kind, Table
+from physgen.tables import Cell, Column, Table
 
 Array = NDArray[np.float64]
 
 COLUMNS = (
-    Column("frame", Kind.WHOLE),
-    Column("clip_time", Kind.NUMBER, "s"),
-    Column("time", Kind.NUMBER, "s"),
-    Column("object", Kind.TEXT),
-    Column("x", Kind.NUMBER, "px"),
-    Column("y", Kind.NUMBER, "px"),
-    Column("angle_rad", Kind.NUMBER, "rad"),
-    Column("vx", Kind.NUMBER, "px/s"),
-    Column("vy", Kind.NUMBER, "px/s"),
-    Column("spin_rad_s", Kind.NUMBER, "rad/s"),
-    Column("video_x", Kind.NUMBER, "video px"),
-    Column("video_y", Kind.NUMBER, "video px"),
-    Column("video_vx", Kind.NUMBER, "video px/s"),
-    Column("video_vy", Kind.NUMBER, "video px/s"),
-    Column("x_m", Kind.NUMBER, "m"),
-    Column("y_m", Kind.NUMBER, "m"),
-    Column("vx_m", Kind.NUMBER, "m/s"),
-    Column("vy_m", Kind.NUMBER, "m/s"),
+    Column("frame"),
+    Column("clip_time", "s"),
+    Column("time", "s"),
+    Column("object"),
+    Column("x", "px"),
+    Column("y", "px"),
+    Column("angle_rad", "rad"),
+    Column("vx", "px/s"),
+    Column("vy", "px/s"),
+    Column("spin_rad_s", "rad/s"),
+    Column("video_x", "video px"),
+    Column("video_y", "video px"),
+    Column("video_vx", "video px/s"),
+    Column("video_vy", "video px/s"),
+    Column("x_m", "m"),
+    Column("y_m", "m"),
+    Column("vx_m", "m/s"),
+    Column("vy_m", "m/s"),
 )
 CAMERA_STEP = 1e-5
 """s before and after a moment between which the camera's velocity is measured."""

@@ -11,10 +11,9 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from physgen.batch.axes import Drawn, Listed, per_object, read_axes
+from physgen.batch.axes import Listed, per_object, read_axes
 from physgen.batch.sweep import Design, planned
 from physgen.problems import InputError
-from physgen.tables import Kind
 
 
 def values(argument: str) -> list[Any]:
@@ -206,16 +205,6 @@ def test_overrides_say_exactly_the_value() -> None:
         for text, value in zip(point.overrides, point.values, strict=True):
             assert yaml.safe_load(text.partition("=")[2]) in (value.data, value.text)
             assert math.isclose(float(text.partition("=")[2]), value.data, rel_tol=0)
-
-
-def test_kinds_of_columns_are_the_narrowest() -> None:
-    axes = read_axes(
-        ["a=1,2", "b=1:5:3", "c=0:1:3", "d=1,2.5", "e=true,false", "f=1,x", "g=[1,2]", "h=1,null"]
-    )
-    drawn = read_axes(["a=~uniform(0,1)", "b=~integers(1,6)", "c=~choice(1,2.5)", "d=~choice(x,y)"])
-    W, N, T, X = Kind.WHOLE, Kind.NUMBER, Kind.TRUTH, Kind.TEXT
-    assert [axis.kind for axis in axes if isinstance(axis, Listed)] == [W, W, N, N, T, X, X, W]
-    assert [axis.kind for axis in drawn if isinstance(axis, Drawn)] == [N, W, N, X]
 
 
 SCENE = {

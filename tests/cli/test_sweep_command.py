@@ -279,9 +279,9 @@ def test_an_interrupted_sweep_leaves_no_table(lesson: Path, tmp_path: Path, monk
 
 
 def test_rows_by_the_ten_thousand_are_read_back(tmp_path: Path) -> None:
-    from physgen.tables import Column, Kind
+    from physgen.tables import Column
 
-    columns = [Column("n", Kind.WHOLE), Column("x"), Column("word", Kind.TEXT), Column("on", Kind.TRUTH)]
+    columns = [Column("n"), Column("x"), Column("word"), Column("on")]
     with tables.Table(tmp_path / "sweep.csv", columns) as made:
         for n in range(10_000):
             made.add({"n": n, "x": n / 3, "word": f'a,"{n}"', "on": n % 2 == 0} if n % 7 else {"n": n})
@@ -298,12 +298,12 @@ def test_rows_by_the_ten_thousand_are_read_back(tmp_path: Path) -> None:
 
 
 def test_a_full_disk_leaves_no_table_and_says_which(tmp_path: Path) -> None:
-    from physgen.tables import Column, Kind
+    from physgen.tables import Column
 
     (tmp_path / "sweep.csv").write_text("of the run before\n")
 
     def fill() -> None:
-        with tables.Table(tmp_path / "sweep.csv", [Column("word", Kind.TEXT)]) as made:
+        with tables.Table(tmp_path / "sweep.csv", [Column("word")]) as made:
             for _ in range(1000):
                 made.add({"word": "x" * 100})
 
