@@ -163,7 +163,7 @@ def plausibility(rows: Any) -> list[Row]:
 
     rest = [
         f"{told(tracker, 'physgen')} and {told(tracker, 'closed form')} {words}"
-        for tracker, words in (("1 px", "at 1 px of noise"), ("masks", "from masks"))
+        for tracker, words in (("1 px", "at 1 px of noise"),)
     ]
     found = (
         f"right and wrong clips are called rightly for {told('exact', 'physgen')} of our clips and "

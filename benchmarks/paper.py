@@ -55,16 +55,15 @@ frictions and elasticities were set by this project.
 **What is asked.** A photo shows two dimensions, and its scale makes metres of them. A table has no photo, so a bare
 silhouette stands for it: a ball's disc, the rectangle of what is turned on a lathe, the two longest sides of a box, at
 a known scale. The third dimension is not given, as a photo would not give it; waists, handles and holes are not
-given either, and a photo would show them. The material table knows ordinary objects besides. A row of your own may
-name a `photo` and a `mask` (a
-label map): then they are shown. `--hide-size` gives the name alone. A model's answers are cached, so a
+given either, and a photo would show them. The material table knows ordinary objects besides.
+`--hide-size` gives the name alone. A model's answers are cached, so a
 second run asks nothing.
 
 **A table** is YAML, as the one that ships:
 
     objects:
       soup:  {label: can of tomato soup, form: turned, size: [101, 66], mass: 349}
-      crate: {label: wooden crate, form: box, size: [600, 400, 300], photo: crate.jpg, mask: crate-mask.png}
+      crate: {label: wooden crate, form: box, size: [600, 400, 300]}
     rankings:
       friction:
         - {about: on wood, source: my own, values: {soup: 0.3, crate: 0.4}}
@@ -117,7 +116,7 @@ def properties(folder: Path) -> list[dict]:
     table, backends = read_table(SHIPPED), Backends()
     rows = []
     for sized in (True, False):
-        found = weighed(table, ask(table, backends, sized, _quiet), Asked("table", sized, False))
+        found = weighed(table, ask(table, backends, sized, _quiet), Asked("table", sized))
         if sized:
             found = with_studio(found, ask_photos(ROOT / "studio" / "truth", backends, _quiet))
         rows.append(kept(found, "properties", not sized))

@@ -1,9 +1,9 @@
 """All backends in one place: the table of roles and names, the choice among them, and how they are called.
 
-A backend is one file under a `backends/` folder and one row of `BACKENDS`; the contract tests then run on it. Nothing
-is imported before a backend is made, and this is the only module that imports by name. A `Plan` holds the choice made
-by `physgen.toml` and flags; `Backends` makes what the plan chooses, calls it and keeps the record; `listing` reports
-what is missing.
+A backend is one file under a `backends/` folder and one row of `backends.json`; the contract tests then run on it.
+Nothing is imported before a backend is made, and this is the only module that imports by name. A `Plan` holds the
+choice made by `physgen.toml` and flags; `Backends` makes what the plan chooses, calls it and keeps the record;
+`listing` reports what is missing.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 import difflib
 import importlib
 import importlib.util
+import json
 import os
 import re
 import time
@@ -23,6 +24,7 @@ from typing import Any
 from physgen.problems import InputError, Place, Problem
 
 FLAG = Place("--backend")
+INSTALL = 'pip install "physgen[models]"'
 MAP_FILE = "file"
 """The name of the backends that read a map from a file."""
 
@@ -94,10 +96,8 @@ class Backend:
     `weights` or `takes_setup`."""
     about: str
     """One sentence for `physgen backends`."""
-    extra: str | None = None
-    """The extra that installs its imports; None: part of the core."""
     needs: tuple[str, ...] = ()
-    """Modules that it imports beyond the core."""
+    """Modules that it imports beyond the core; the extra `models` installs them."""
     weights: tuple[Weights, ...] = ()
     """Default weights; `NAME:WEIGHTS` replaces the first, `NAME:A,B` replaces two."""
     takes_setup: bool = False
@@ -107,105 +107,25 @@ class Backend:
     uses: tuple[str, ...] = ()
     """Keyword arguments that its callable takes beyond the Protocol's: `categories`; `depth`, `normals`, `scenery`."""
 
+    @property
+    def extra(self) -> str | None:
+        """The extra that installs its imports; None: part of the core."""
+        return "models" if self.needs else None
+
     def missing(self) -> tuple[str, ...]:
         """Needed modules that are not installed; none is imported to find out."""
         return tuple(name for name in self.needs if importlib.util.find_spec(name) is None)
 
 
-_PERCEIVE = "physgen.perceive.backends"
-_REFINE = "physgen.refine.backends"
+def _read_row(entry: Mapping[str, Any]) -> Backend:
+    """From an entry of `backends.json`, which leaves defaults out."""
+    weights = tuple(Weights(**one) for one in entry.get("weights", ()))
+    lists = {key: tuple(entry.get(key, ())) for key in ("needs", "settings", "uses")}
+    return Backend(**{**entry, **lists, "weights": weights})
 
-_TRANSFORMERS: dict[str, Any] = {"extra": "models", "needs": ("torch", "transformers")}
-_DIFFUSERS: dict[str, Any] = {"extra": "models", "needs": ("torch", "diffusers", "transformers")}
-_VLM: dict[str, Any] = {
-    "extra": "models",
-    "needs": ("openai", "jsonschema"),
-    "takes_setup": True,
-    "settings": ("PHYSGEN_VLM_URL", "PHYSGEN_VLM_MODEL"),
-}
-_MAPS = ("depth", "normals", "scenery")
 
-BACKENDS: tuple[Backend, ...] = (
-    Backend("categories", "everyday", f"{_PERCEIVE}.categories_everyday:everyday",
-            "The same everyday nouns for every photo."),
-    Backend("categories", "vlm", f"{_PERCEIVE}.vlm:categories",
-            "A vision-language model names what the photo shows and what of it is movable.", **_VLM),
-    Backend("segment", "learned", f"{_PERCEIVE}.segment_learned:learned",
-            "Proposals from edges and from a small network that also ranks them; trained on rendered homes."),
-    Backend("segment", "grounding-dino+sam", f"{_PERCEIVE}.segment_grounded:grounded",
-            "Grounding DINO boxes for the given nouns, SAM masks; NAME:DINO,SAM names both weights.",
-            uses=("categories",),
-            weights=(Weights("IDEA-Research/grounding-dino-tiny", "0.7 GB", "Apache-2.0"),
-                     Weights("facebook/sam-vit-huge", "2.6 GB", "Apache-2.0")), **_TRANSFORMERS),
-    Backend("segment", "sam3", f"{_PERCEIVE}.segment_sam3:sam3",
-            "SAM 3 masks of every instance of the given nouns.", uses=("categories",),
-            weights=(Weights("facebook/sam3", "3.4 GB", "SAM licence", "ask for access on its hub page"),),
-            **_TRANSFORMERS),
-    Backend("label", "imagenet", f"{_PERCEIVE}.label_imagenet:imagenet",
-            "A small network's name where it is sure, else as shape."),
-    Backend("label", "shape", f"{_PERCEIVE}.label_shape:shape",
-            "ball, block, bottle, cup or object, by the outline alone."),
-    Backend("label", "vlm", f"{_PERCEIVE}.vlm:label",
-            "A vision-language model names each object, shown the photo and its outline.", **_VLM),
-    Backend("physics", "table", f"{_PERCEIVE}.physics_table:table",
-            "Looks the label up in the material table and weighs the outline."),
-    Backend("physics", "vlm", f"{_PERCEIVE}.vlm:physics",
-            "A vision-language model judges mass, friction, elasticity, material and size.", **_VLM),
-    Backend("depth", "none", f"{_PERCEIVE}.from_file:flat",
-            "The same depth everywhere: the offline backends need none."),
-    Backend("depth", "depth-anything", f"{_PERCEIVE}.depth_anything:depth",
-            "Depth Anything V2.",
-            weights=(Weights("depth-anything/Depth-Anything-V2-Small-hf", "0.1 GB", "Apache-2.0"),), **_TRANSFORMERS),
-    Backend("depth", "marigold", f"{_PERCEIVE}.marigold:depth",
-            "Marigold's depth, by diffusion.",
-            weights=(Weights("prs-eth/marigold-depth-v1-1", "2.6 GB", "RAIL++-M"),), **_DIFFUSERS),
-    Backend("depth", "file", f"{_PERCEIVE}.from_file:depth",
-            "Another program's depth, larger = farther: .npy, or a PNG of 8 or 16 bits.", takes_setup=True),
-    Backend("normals", "blended", f"{_PERCEIVE}.normals_blended:blended",
-            "Balls, solids of revolution, cushions and flat faces by outline, shading and network; tables, walls."),
-    Backend("normals", "marigold", f"{_PERCEIVE}.marigold:normals",
-            "Marigold's normals, by diffusion.",
-            weights=(Weights("prs-eth/marigold-normals-v1-1", "2.6 GB", "RAIL++-M"),), **_DIFFUSERS),
-    Backend("normals", "file", f"{_PERCEIVE}.from_file:normals",
-            "Another program's normals, +x right, +y down, +z to the viewer: .npy, or a PNG with 128 = 0.",
-            takes_setup=True),
-    Backend("intrinsic", "retinex", f"{_PERCEIVE}.intrinsic_retinex:retinex",
-            "Changes of colour are albedo, most others shading; normals decide the rest."),
-    Backend("intrinsic", "marigold", f"{_PERCEIVE}.marigold:intrinsic",
-            "Marigold's albedo and shading, by diffusion.",
-            weights=(Weights("prs-eth/marigold-iid-lighting-v1-1", "2.6 GB", "RAIL++-M"),), **_DIFFUSERS),
-    Backend("intrinsic", "file", f"{_PERCEIVE}.from_file:intrinsic",
-            "Another program's shading, linear: .npy or PNG; albedo is what is left of the photo.", takes_setup=True),
-    Backend("light", "shading", f"{_PERCEIVE}.light_shading:shading",
-            "The distant light that best explains the shading of all objects and the highlights."),
-    Backend("matte", "edge", f"{_PERCEIVE}.matte_edge:edge",
-            "A soft border of about two pixels that follows the photo's own edge."),
-    Backend("inpaint", "fill", f"{_PERCEIVE}.inpaint_fill:fill",
-            "Continues the surroundings' colour smoothly and borrows their grain."),
-    Backend("inpaint", "diffusion", f"{_PERCEIVE}.inpaint_diffusion:diffusion",
-            "A diffusion model paints what is behind; the photo is put back around it.",
-            weights=(Weights("stable-diffusion-v1-5/stable-diffusion-inpainting", "4.3 GB", "CreativeML OpenRAIL-M"),),
-            **_DIFFUSERS),
-    Backend("inpaint", "file", f"{_PERCEIVE}.from_file:inpaint",
-            "Another program's background, as a picture; the photo is put back around it.", takes_setup=True),
-    Backend("shadow", "geometry", f"{_PERCEIVE}.shadow_geometry:geometry",
-            "Removes shadows, and finds the light that casts them."),
-    Backend("boundary", "support", f"{_PERCEIVE}.boundary_support:support",
-            "Side or top view, and floors under the lowest points of objects."),
-    Backend("boundary", "depth-normals", f"{_PERCEIVE}.boundary_depth_normals:depth_normals",
-            "The paper's: edges of static surfaces at the depth of the objects.",
-            uses=_MAPS),
-    Backend("refine", "none", f"{_REFINE}.none:none",
-            "Leaves the video unchanged."),
-    Backend("refine", "animatediff", f"{_REFINE}.animatediff:animatediff",
-            "AnimateDiff retouches the video, 16 frames at a time; NAME:ADAPTER,BASE names both weights.",
-            weights=(Weights("guoyww/animatediff-motion-adapter-v1-5-3", "1.7 GB", "no licence on its page"),
-                     Weights("SG161222/Realistic_Vision_V5.1_noVAE", "4.3 GB", "CreativeML OpenRAIL-M")),
-            **_DIFFUSERS),
-    Backend("refine", "wan", f"{_REFINE}.wan:wan",
-            "Wan 2.1 or 2.2 retouches the video, 81 frames at a time.",
-            weights=(Weights("Wan-AI/Wan2.1-T2V-1.3B-Diffusers", "29 GB", "Apache-2.0"),), **_DIFFUSERS),
-)  # fmt: skip
+_TABLE = Path(__file__).with_name("backends.json")
+BACKENDS = tuple(map(_read_row, json.loads(_TABLE.read_text(encoding="utf-8"))))
 """In each role, the first row is the default."""
 
 
@@ -252,13 +172,9 @@ def make(role: str, name: str | None = None, setup: Setup | None = None) -> Any:
 def _not_installed(row: Backend) -> Problem | None:
     if not (missing := row.missing()):
         return None
-    found, fix = f'{row.role}="{row.name}"', _install_command(row) or "install physgen again"
+    found, fix = f'{row.role}="{row.name}"', INSTALL
     verb = "is" if len(missing) == 1 else "are"
     return Problem(FLAG, "", found, f"needs {', '.join(missing)}, which {verb} not installed", fix)
-
-
-def _install_command(row: Backend) -> str | None:
-    return f'pip install "physgen[{row.extra}]"' if row.extra else None
 
 
 def suggestion(found: str, known: Iterable[str]) -> str:
@@ -648,7 +564,7 @@ def listing(plan: Plan | None = None) -> list[Mapping[str, Any]]:
 def _missing(row: Backend, named: str, options: Mapping[str, Any]) -> Iterator[str]:
     """What a row lacks here, with the fix; `named` are the weights, or the map, of its choice."""
     if modules := row.missing():
-        yield f"needs {', '.join(modules)}: {_install_command(row)}"
+        yield f"needs {', '.join(modules)}: {INSTALL}"
     if row.name == MAP_FILE and not named:
         yield f"write {row.role}={row.name}:PATH"
     elif row.name == MAP_FILE and not Path(named).expanduser().is_file():

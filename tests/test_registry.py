@@ -213,8 +213,7 @@ def test_a_failure_of_a_chosen_backend_is_an_error(odd: type[Odd]):
 
 def test_missing_libraries_are_reported_before_anything_runs(monkeypatch: pytest.MonkeyPatch):
     rows = [
-        Backend(role, "far", "nowhere:far", "", extra="models", needs=("no_such_module",))
-        for role in ("segment", "depth")
+        Backend(role, "far", "nowhere:far", "", needs=("no_such_module",)) for role in ("segment", "depth")
     ]
     add_rows(monkeypatch, *rows)
     with pytest.raises(InputError) as error:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from physgen.evaluate.plausibility.tracks import Array, Outline, Tracks
+from physgen.evaluate.plausibility.tracks import Array, Tracks, disc
 from physgen.scene.scene import View
 
 Rng = np.random.Generator
@@ -24,7 +24,6 @@ KINDS = (
     "a jump",
     "momentum is lost",
     "one through another",
-    "starts by itself",
 )
 
 
@@ -73,7 +72,7 @@ def made(rng: Rng, fault: str | None, fps: float, seconds: float = 1.6) -> Track
     top = bool(rng.random() < 0.4)
     if fault == "gravity changes" and top:
         return None
-    balls = _drawn(rng, top, fault == "starts by itself")
+    balls = _drawn(rng, top)
     times = np.arange(int(seconds * fps + 1e-9) + 1) / fps
     calm = _run(_copy(balls), times, None, 0.0, rng)
     if calm is None:
@@ -88,12 +87,12 @@ def made(rng: Rng, fault: str | None, fps: float, seconds: float = 1.6) -> Track
     n = len(balls.radii)
     return Tracks(
         "balls", times, tuple(f"ball {k + 1}" for k in range(n)), places, None,
-        tuple(Outline(float(r), float(r)) for r in balls.radii), View.TOP if top else View.SIDE, 0.02,
+        tuple(disc(float(r)) for r in balls.radii), View.TOP if top else View.SIDE, 0.02,
         "balls in closed form", balls.masses,
     )  # fmt: skip
 
 
-def _drawn(rng: Rng, top: bool, rests: bool) -> Balls:
+def _drawn(rng: Rng, top: bool) -> Balls:
     count = int(rng.integers(2, 6))
     radii = rng.uniform(9, 24, count)
     places = np.empty((count, 2))
@@ -103,7 +102,7 @@ def _drawn(rng: Rng, top: bool, rests: bool) -> Balls:
             if all(np.hypot(*(places[k] - places[m])) > radii[k] + radii[m] + 12 for m in range(k)):
                 break
     velocities = rng.uniform(-330, 330, (count, 2)) * ((1, 1) if top else (1, 0.5))
-    if top and (rests or rng.random() < 0.5):
+    if top and rng.random() < 0.5:
         velocities[rng.random(count) < 0.4] = 0.0
         velocities[0] = 0.0
     return Balls(
@@ -227,14 +226,6 @@ def _wronged(
                 return run(
                     lambda b, k=k, a=angle, f=far: _shift(b, k, f * np.array([np.cos(a), np.sin(a)])), moment
                 )
-        return None
-    if fault == "starts by itself":
-        for k in order:
-            touched = any(k in (one, other) and time < moment + FREE for time, one, other in blows)
-            if balls.pull == 0 and not balls.velocities[k].any() and not touched:
-                angle, speed = rng.uniform(0, 2 * np.pi), rng.uniform(120, 350)
-                push = speed * np.array([np.cos(angle), np.sin(angle)])
-                return run(lambda b, k=k, p=push: b.velocities.__setitem__(k, p), moment)
         return None
     if fault == "one through another":
         for time, one, other in blows:

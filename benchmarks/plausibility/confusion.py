@@ -118,8 +118,7 @@ def _about() -> tuple[str, ...]:
         "engine. Neither walls nor pushes are given to the judge, and masses only where it says so. 16, 24 and 30 "
         f"frames a second by turns. Faults have {FREE:g} s without a touch before and after them, where they need it "
         "to show; thresholds were chosen on other seeds of both sources.",
-        "Tracks: exact; with normal noise of so many px on each place, and on angles as much at the rim; or centroids "
-        "of masks, drawn without anti-aliasing, where bodies hide each other and no angle is known.",
+        "Tracks: exact; with normal noise of so many px on each place, and on angles as much at the rim.",
     )
 
 

@@ -12,9 +12,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from physgen.compile.world import Push, World
+from physgen.compile.world import World
 from physgen.evaluate.plausibility.tracks import Array
-from physgen.scene.scene import Load, View
+from physgen.scene.scene import View
 from physgen.simulate.engine import simulate
 from physgen.simulate.trajectory import Trajectory
 
@@ -56,10 +56,6 @@ def _moved(world: World, body: int, velocity: Array) -> World:
     if world.view is View.TOP:
         bodies[body] = replace(bodies[body], roll=np.zeros(2))
     return replace(world, bodies=tuple(bodies))
-
-
-def _pushed(world: World, push: Push) -> World:
-    return replace(world, pushes=(*world.pushes, push))
 
 
 def gravity(world: World, times: Array, run: Trajectory, rng: Rng) -> Array | None:
@@ -215,54 +211,6 @@ def passing(world: World, times: Array, run: Trajectory, rng: Rng) -> Array | No
     return None
 
 
-def starting(world: World, times: Array, run: Trajectory, rng: Rng) -> Array | None:
-    """Something at rest, that nothing comes near, moves off."""
-    moment = float(rng.uniform(0.35, 0.7)) * float(times[-1])
-    count = len(world.bodies)
-    sample = int(np.searchsorted(run.times, moment))
-    for body in rng.permutation(count).tolist():
-        path = run.poses[(run.times > moment - 0.3) & (run.times < moment), body, :2]
-        if moment < 0.35 or np.ptp(path, axis=0).max() > 0.05:
-            continue
-        reach = world.bodies[body].reach
-        gaps = [
-            np.hypot(
-                *(run.poses[sample - 3 : sample + 4, body, :2] - run.poses[sample - 3 : sample + 4, k, :2]).T
-            ).min()
-            - reach
-            - world.bodies[k].reach
-            for k in range(count)
-            if k != body
-        ]
-        if min(gaps, default=np.inf) < 60:
-            continue
-        speed = float(rng.uniform(120, 350))
-        angle = rng.uniform(0, 2 * np.pi) if world.view is View.TOP else -rng.uniform(0.1, np.pi - 0.1)
-        velocity = speed * np.array([np.cos(angle), np.sin(angle)])
-        poses = in_two(world, times, moment, partial(_moved, body=body, velocity=velocity))
-        if poses is not None and np.ptp(poses[times <= moment + FREE, body, :2], axis=0).max() > 15:
-            return poses
-    return None
-
-
-def speeding(world: World, times: Array, run: Trajectory, rng: Rng) -> Array | None:
-    """On a table, something that nothing touches gets faster."""
-    if world.view is not View.TOP:
-        return None
-    moment = float(rng.uniform(0.15, 0.6)) * float(times[-1])
-    for body in rng.permutation(len(world.bodies)).tolist():
-        way = _velocity(run, body, moment)
-        speed = float(np.hypot(*way))
-        if speed < 40 or not _free(run, body, moment - 0.1, moment + 0.5):
-            continue
-        seconds, mass = 0.5, world.bodies[body].mass
-        gain = max(speed, 120.0) * float(rng.uniform(0.8, 1.6)) / seconds
-        slows = 9.8 * world.pixels_per_meter * world.table.friction * world.bodies[body].surface.friction
-        push = Push(body, Load.FORCE, way / speed * mass * (gain + slows), 0.0, np.zeros(2), 0.0, seconds)
-        return in_two(world, times, moment, partial(_pushed, push=push))
-    return None
-
-
 Fault = Callable[[World, Array, Trajectory, Rng], Array | None]
 FAULTS: dict[str, Fault] = {
     "gravity changes": gravity,
@@ -270,6 +218,4 @@ FAULTS: dict[str, Fault] = {
     "a jump": jump,
     "momentum is lost": momentum,
     "one through another": passing,
-    "starts by itself": starting,
-    "speeds up": speeding,
 }

@@ -1,4 +1,4 @@
-"""Exact places -> tracks as a tracker would give them: with noise, without angles, or from masks of drawn frames."""
+"""Exact places -> tracks as a tracker would give them: with noise."""
 
 from __future__ import annotations
 

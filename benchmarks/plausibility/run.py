@@ -11,7 +11,7 @@ import numpy as np
 
 from physgen import pipeline
 from physgen.evaluate.plausibility.judge import Verdict, judge
-from physgen.evaluate.plausibility.tracks import Tracks, from_scene, from_world, read
+from physgen.evaluate.plausibility.tracks import Tracks, from_scene, from_world
 from physgen.scene.load import raw_document
 
 from .confusion import counted
@@ -53,17 +53,13 @@ def _all() -> Iterator[tuple[Path, str | None]]:
 
 
 def studio() -> list[dict]:
-    """The studio's truth: poses of its films and of the 50 clips of one scene, and the films' own masks."""
+    """The studio's truth: poses of its films and of the 50 clips of one scene."""
     rows = []
     for path in sorted((ROOT / "studio/truth").glob("*/film/film.json")):
         told = json.loads(path.read_text())
-        view = pipeline.load(ROOT / told["scene"]).world.view
-        fps = 1 / float(np.median(np.diff(told["times_s"])))
         name = path.parent.parent.name
         posed = _posed(told["scene"], (), told["times_s"], told["objects"])
         rows.append(_row(f"{name}, film", "poses", [judge(posed)]))
-        masks = read(path.parent, fps, view)
-        rows.append(_row(f"{name}, film", "masks", [judge(tracks, without=("overlap",)) for tracks in masks]))
     for path in sorted((ROOT / "studio/truth").glob("*/clips/clips.json")):
         told = json.loads(path.read_text())
         clips = [_posed(told["scene"], clip["set"], told["times_s"], clip["poses"]) for clip in told["clips"]]

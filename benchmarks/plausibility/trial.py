@@ -1,4 +1,4 @@
-"""Seeds -> clips that are right or wrong, exact, shaken and as masks -> what the judge says of each."""
+"""Seeds -> clips that are right or wrong, exact and shaken -> what the judge says of each."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from physgen.evaluate.plausibility.tracks import Tracks, from_world
 from physgen.simulate.engine import simulate
 
 from . import balls, families, faults, films
-from .drawn import from_drawn
 
 RIGHT = "right"
 FINE = 480
@@ -39,7 +38,7 @@ class Said:
     seed: int
     fps: float
     tracker: str
-    """How its tracks came about: exact, noise of some px, or masks."""
+    """How its tracks came about: exact, or noise of some px."""
     score: float | None
     deviations: dict[str, float]
     """Question -> deviation, where it was asked."""
@@ -52,7 +51,6 @@ TRACKERS: dict[str, Tracker] = {
     "0.5 px": lambda tracks, rng: films.shaken(films.stranger(tracks), 0.5, rng),
     "0.5 px, masses known": lambda tracks, rng: films.shaken(films.weighed(tracks), 0.5, rng),
     "1 px": lambda tracks, rng: films.shaken(films.stranger(tracks), 1.0, rng),
-    "masks": lambda tracks, rng: from_drawn(films.stranger(tracks)),
 }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -16,46 +17,7 @@ from physgen.problems import InputError
 WRONG_INPUT = 2
 """Exit code of wrong flags and wrong files."""
 FORMATS = ("mp4", "gif", "webp", "png")
-REMOVED = {
-    "--answers": "name the model as the backend physics=vlm",
-    "--allow-outside": "copy the files below the scene's folder",
-    "--chaos": "--fan N draws what is uncertain; two runs with --set a hair apart show chaos",
-    "--columns": "leave it out",
-    "--curves": "name another plot",
-    "--dark": "figures have white paper",
-    "--device": "leave it out, the processor draws frames",
-    "--dpi": "write an SVG or PDF",
-    "--fallback": "choose another --backend where one fails",
-    "--no-fallback": "leave it out, nothing falls back",
-    "--frames": "write --set render.frames=N",
-    "--fps": "write --set render.fps=N",
-    "--size": "write --set render.size=[W,H]",
-    "--features": "name the network's file with --inception",
-    "--fit": "leave it out",
-    "--flow": "leave it out, motion is measured by one flow",
-    "--full-colour": "leave it out",
-    "--keep-models": "leave it out, several photos share models",
-    "--no-keep-models": "leave it out",
-    "--link": "leave it out, files are copied",
-    "--mass": "masses come from scenes",
-    "--names": "leave it out",
-    "--noise": "leave it out, noise is estimated",
-    "--proof": "run python benchmarks/run.py plausibility",
-    "--pushed": "name the object with --held",
-    "--save-answers": "--json has them",
-    "--shard-size": "write --shard-clips",
-    "--single-file": "render --single-file embeds a clip's video in its report",
-    "--sheet": "the report of render --preview --report full shows the same",
-    "--ship": "share a folder",
-    "--si": "axes are in SI where the scene has a scale",
-    "physics": "run python benchmarks/closed_forms.py in a checkout",
-    "--photos": "leave it out",
-    "--scores": "leave it out, scores beside the clips are read",
-    "--watch": "run physgen edit, or entr: ls scene.yaml | entr physgen render scene.yaml --preview",
-    "--measure": "render the photo's scene and name the folder; python benchmarks/run.py runtime",
-    "--repeat": "render again with --no-cache",
-    "--truth": "run python benchmarks/run.py properties",
-}
+REMOVED = Path(__file__).with_name("removed.json")
 """Flags and measures of the version before, with what to use in their place; for one version."""
 
 
@@ -114,21 +76,27 @@ class Parser(argparse.ArgumentParser):
         if not text.startswith("-"):
             return f"{text} is one argument too many"
         flag = text.partition("=")[0]
-        if flag in REMOVED:
-            return f"{flag} was removed; {REMOVED[flag]}"
+        if fix := _instead(flag):
+            return f"{flag} was removed; {fix}"
         close = get_close_matches(flag, re.findall(r"--[\w-]+", self.format_help()), 1, 0.7)
         return f"there is no flag {flag}" + (f", did you mean {close[0]}?" if close else "")
 
     def error(self, message: str) -> NoReturn:
         """Print the message and a hint; for a word that is none of several, the nearest of them."""
         wrong = re.fullmatch(r"argument ([^:]+): invalid choice: '([^']+)' \(choose from (.+)\)", message)
-        if wrong is not None and wrong[2] in REMOVED:
-            message = f"{wrong[2]} was removed; {REMOVED[wrong[2]]}"
+        if wrong is not None and (fix := _instead(wrong[2])):
+            message = f"{wrong[2]} was removed; {fix}"
         elif wrong is not None:
             close = get_close_matches(wrong[2], [word.strip(" '") for word in wrong[3].split(",")], 1, 0.6)
             if close:
                 message = f"argument {wrong[1]}: invalid choice: '{wrong[2]}', did you mean {close[0]}?"
         self.exit(WRONG_INPUT, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+
+def _instead(removed: str) -> str | None:
+    """What to use in place of a flag or measure."""
+    found: dict[str, str] = json.loads(REMOVED.read_text(encoding="utf-8"))
+    return found.get(removed)
 
 
 @dataclass(frozen=True)

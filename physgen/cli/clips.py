@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from physgen.cli.arguments import FORMATS, WRONG_INPUT, Parser, among, count, draws, labels, seed
-from physgen.cli.output import FAILED, OK, Bar, Counter, print_error, print_line
+from physgen.cli.output import FAILED, OK, Bar, print_error, print_line
 from physgen.problems import InputError
 
 if TYPE_CHECKING:
@@ -209,8 +209,8 @@ def make_all(
     gallery = gallery and (count > 1 or index.exists())
     if gallery and count <= GALLERY_CLIPS:
         jobs = (replace(job, pictures=True) for job in jobs)
-    tally, bar, counter = Tally(), Bar(), Counter(count if count > 1 else 0)
-    with cleaned_up(out), closing(_made(jobs, count, options, bar, counter)) as done_ones:
+    tally, bar = Tally(), Bar()
+    with cleaned_up(out), closing(_made(jobs, count, options, bar)) as done_ones:
         for done in done_ones:
             bar.clear()
             if done.disk_full:  # every further clip would fail the same way
@@ -218,12 +218,13 @@ def make_all(
                 break
             tally.add(done)
             for line in tally.new_warnings(done):
-                counter.tell(line)
+                print_error(line)
             record_failure(done, out, gallery)
             on_done(done)
-            _print_done(done, options.json, counter)
-            counter.step(tally.counts["failed"])
-    counter.clear()
+            _print_done(done, options.json)
+            if count > 1 and not bar.as_json:
+                bar.show("clips", tally.counts.total(), count)
+    bar.clear()
     files = finish()
     is_new = tally.counts["made"] or tally.counts["failed"]
     if gallery and not tally.disk_full and (is_new or _is_older(index, tally.newest)):
@@ -238,21 +239,21 @@ def _is_older(index: Path, time: float) -> bool:
 
 
 def _made(
-    jobs: Iterable[Job], count: int, options: argparse.Namespace, bar: Bar, counter: Counter
+    jobs: Iterable[Job], count: int, options: argparse.Namespace, bar: Bar
 ) -> Generator[Done, None, None]:
     """Runs the jobs, on this machine or on a cluster."""
     workers = min(options.jobs, count)
     if getattr(options, "cluster", None):
         from physgen.batch.cluster import run_on_cluster
 
-        return run_on_cluster(options.cluster, jobs, counter.tell)
+        return run_on_cluster(options.cluster, jobs, print_error)
     from physgen.batch.run import run_all
 
     show = bar.show if count == 1 or bar.as_json else lambda stage, done, total: None
     return run_all(jobs, workers, lambda job: show)
 
 
-def _print_done(done: Done, as_json: bool, counter: Counter) -> None:
+def _print_done(done: Done, as_json: bool) -> None:
     """A line on stdout: the folder, or all about the clip as JSON."""
     if as_json:
         with suppress(InputError):
@@ -265,9 +266,9 @@ def _print_done(done: Done, as_json: bool, counter: Counter) -> None:
                 "seconds": round(done.seconds, 3),
                 "problems": [problem.as_dict() for problem in done.problems],
             }
-            counter.line(json.dumps(line, ensure_ascii=False, default=str))
+            print_line(json.dumps(line, ensure_ascii=False, default=str))
     elif done.folder is not None:
-        counter.line(str(done.folder))
+        print_line(str(done.folder))
 
 
 def _write_gallery(index: Path, bar: Bar, tally: Tally) -> None:

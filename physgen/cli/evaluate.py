@@ -36,7 +36,7 @@ from physgen.problems import InputError, Problem
 if TYPE_CHECKING:
     from physgen.evaluate.measure import Findings
 
-QUESTIONS = ("gravity", "momentum", "energy", "overlap", "jumps", "starts", "speeding")
+QUESTIONS = ("gravity", "momentum", "energy", "overlap", "jumps")
 """Of plausibility."""
 
 
@@ -132,8 +132,7 @@ def run_segmentation(options: argparse.Namespace) -> int:
 
 def add_plausibility(parser: Parser) -> None:
     about = (
-        "clips that physgen rendered, a scene file, or tracks of any video: a CSV of frame,name,x,y[,radius], or a "
-        "folder of PNG masks"
+        "clips that physgen rendered, a scene file, or tracks of any video: a CSV of frame,name,x,y[,radius]"
     )
     parser.add_argument("clips", metavar="CLIP", nargs="+", type=Path, help=about)
     parser.option("--fps", "N", positive, "frames a second of tracks that do not say it; default: 30")
@@ -174,13 +173,6 @@ def method(text: str) -> tuple[str, Path]:
     return name.strip(), Path(path)
 
 
-def _draws(text: str) -> int:
-    value = whole(0, 10_000)(text)
-    if 0 < value < 20:
-        raise argparse.ArgumentTypeError(f"{text} draws are too few for an interval; write 20 or more, or 0")
-    return value
-
-
 def add_fid(parser: Parser) -> None:
     about = "videos, folders of frames, or folders of such, physgen's output folders among them: one method's clips"
     parser.add_argument("clips", metavar="CLIPS", type=Path, nargs="*", help=about)
@@ -199,15 +191,8 @@ def add_fid(parser: Parser) -> None:
     )
     parser.option("--skip", "N", count, about, 0)
     parser.option("--size", "PX", whole(16, 4096), "the shorter side of all frames; default: 256", 256)
-    parser.option(
-        "--draws",
-        "N",
-        _draws,
-        "resamplings of clips for intervals, 20 or more, 0 for none; default: 200",
-        200,
-    )
-    parser.option("--seed", "N", seed, "of those draws; default: 0", 0)
-    parser.option("--device", "DEVICE", str, "where Inception runs: auto, cpu, cuda, mps", "auto")
+    about = "resamplings of clips for intervals, 0 for none; default: 200"
+    parser.option("--draws", "N", whole(0, 10_000), about, 200)
     add_output(parser, "write a page with plots, and the result as JSON, in this folder")
 
 
@@ -229,7 +214,7 @@ def run_fid(options: argparse.Namespace) -> int:
         try:
             from physgen.evaluate.backends.inception import Inception
 
-            features = Inception(options.inception, options.device)
+            features = Inception(options.inception)
         except InputError as error:
             problems += error.problems
         except ModuleNotFoundError as error:
@@ -237,7 +222,7 @@ def run_fid(options: argparse.Namespace) -> int:
             problems += InputError.of("--inception", "", found, fix).problems
     if problems:
         raise InputError(dict.fromkeys(problems))
-    settings = Settings(Rule(options.size, options.frames), options.draws, options.seed)
+    settings = Settings(Rule(options.size, options.frames), options.draws)
     truth = clips.pop(REFERENCE)
     clips = {name: [replace(one, skip=options.skip) for one in side] for name, side in clips.items()}
     bar = Bar()
@@ -300,8 +285,7 @@ def run_properties(options: argparse.Namespace) -> int:
     answers = ask(table, backends, not options.hide_size, bar.show)
     bar.clear()
     backends.close()
-    photos = all(item.photo is not None for item in table.items)
-    found = findings(table, answers, Asked(backends.name("physics"), not options.hide_size, photos))
+    found = findings(table, answers, Asked(backends.name("physics"), not options.hide_size))
     if options.output:
         found = found.with_parts(plots(table, answers), first=False)
     return hand_over(found, options)

@@ -10,9 +10,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from physgen.cli import output
 from physgen.cli.arguments import WRONG_INPUT, Command, Parser, count
-from physgen.cli.output import FAILED, OK, Bar, print_error
+from physgen.cli.output import FAILED, OK, Bar, print_error, print_line
 
 if TYPE_CHECKING:
     from physgen.batch.verify import Verdict, VerifyRequest
@@ -30,15 +29,15 @@ def verify(options: argparse.Namespace) -> int:
     bar = Bar()
     work = run if many else partial(_watched, bar=bar)
     counts: Counter[Outcome] = Counter()
-    counter = output.Counter(len(requests) if many else 0)
     with closing(run_parallel(work, requests, min(options.jobs, len(requests)), failed)) as verdicts:
         for verdict in verdicts:
             bar.clear()
             counts[verdict.outcome] += 1
             line = json.dumps(verdict.as_dict(), ensure_ascii=False) if options.json else verdict.line()
-            counter.line(line)
-            counter.step(counts.total() - counts[Outcome.EQUAL])
-    counter.clear()
+            print_line(line)
+            if many:
+                bar.show("clips", counts.total(), len(requests))
+    bar.clear()
     code = WRONG_INPUT if counts[Outcome.UNKNOWN] else FAILED if counts[Outcome.DIFFERS] else OK
     if options.json:
         outcomes = {outcome.name.lower(): counts[outcome] for outcome in Outcome}

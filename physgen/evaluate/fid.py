@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from math import inf
 from typing import TYPE_CHECKING, Any, Protocol
 
 import cv2
@@ -43,10 +42,6 @@ class Constants:
 
     level: float = 0.95
     """Of intervals."""
-    halvings: int = 8
-    """Random halvings of the reference."""
-    few: int = 8
-    """Clips of a side below which resampling them says little."""
     peak: float = 99.9
     """% of pixels that are no faster than the speed of a pair of frames: outliers do not count."""
     least_colour: float = 1.0
@@ -192,41 +187,19 @@ def cloud(clips: Sequence[F64]) -> Cloud:
 
 @dataclass(frozen=True)
 class Distance:
-    """Distance of a method from the reference, or the difference of two methods' distances."""
+    """Distance of a method from the reference."""
 
     value: float
     draws: tuple[float, ...]
     """With clips drawn again, shifted so that their mean is `value`; empty where a side has a single clip."""
-    least: float = -inf
-    """Lower limit."""
 
     @property
     def interval(self) -> tuple[float, float] | None:
-        """The middle 95 % of the draws."""
+        """The middle 95 % of the draws, 0 or more."""
         if not self.draws:
             return None
         low, high = np.quantile(self.draws, [(1 - CONSTANTS.level) / 2, (1 + CONSTANTS.level) / 2])
-        return max(float(low), self.least), max(float(high), self.least)
-
-    @property
-    def above(self) -> float | None:
-        """Share of draws above 0: how sure a difference is."""
-        return float(np.mean(np.asarray(self.draws) > 0)) if self.draws else None
-
-
-@dataclass(frozen=True)
-class Distances:
-    """Of one kind of picture, by method."""
-
-    frechet: Mapping[str, Distance]
-    halves: float | None
-    """Mean Fréchet distance between two halves of the reference; None below four clips."""
-
-    def apart(self, one: str, other: str) -> Distance:
-        """How much farther `one` is than `other`, draw by draw."""
-        first, second = self.frechet[one], self.frechet[other]
-        draws = tuple(a - b for a, b in zip(first.draws, second.draws, strict=True))
-        return Distance(first.value - second.value, draws)
+        return max(float(low), 0.0), max(float(high), 0.0)
 
 
 def distances(
@@ -235,7 +208,7 @@ def distances(
     draws: int,
     seed: int = 0,
     progress: Callable[[int, int], None] = lambda done, total: None,
-) -> Distances:
+) -> dict[str, Distance]:
     """Of every method, with `draws` resamplings of clips, 0 for no intervals.
 
     Whole clips are drawn with replacement. All methods share the draws of the reference, and methods of as many clips
@@ -256,8 +229,7 @@ def distances(
         progress(done + 1, draws)
     whole = moments(reference.features)
     values = {name: frechet(whole, moments(one.features)) for name, one in methods.items()}
-    around = {name: _around(value, found[name]) for name, value in values.items()}
-    return Distances(around, _halves(reference, seed))
+    return {name: _around(value, found[name]) for name, value in values.items()}
 
 
 def _drawn(random: np.random.Generator, count: int) -> F64:
@@ -267,19 +239,7 @@ def _drawn(random: np.random.Generator, count: int) -> F64:
 
 def _around(value: float, draws: Sequence[float]) -> Distance:
     shift = value - float(np.mean(draws)) if draws else 0.0
-    return Distance(value, tuple(draw + shift for draw in draws), 0.0)
-
-
-def _halves(reference: Cloud, seed: int) -> float | None:
-    if reference.count < 4:
-        return None
-    random = np.random.default_rng(seed)
-    found = []
-    for _ in range(CONSTANTS.halvings):
-        half = np.zeros(reference.count)
-        half[random.permutation(reference.count)[: reference.count // 2]] = 1
-        found.append(frechet(reference.weighted(half), reference.weighted(1 - half)))
-    return float(np.mean(found))
+    return Distance(value, tuple(draw + shift for draw in draws))
 
 
 # ---- pictures of motion, and reading -----------------------------------------------------------------------------
@@ -315,8 +275,8 @@ class Measured:
 
     reference: Side
     methods: Mapping[str, Side]
-    found: Mapping[str, Distances]
-    """By kind."""
+    found: Mapping[str, Mapping[str, Distance]]
+    """By kind and method."""
     full: float
     """px that are full colour."""
     features: Features
@@ -437,9 +397,6 @@ def _warnings(truth: Side, sides: Mapping[str, Side], wide: int) -> Iterator[Pro
             if (count := side.count(kind)) <= wide:
                 expected = f"for {wide} features: fewer pictures make a Fréchet distance larger"
                 yield warn(side, f"{count} pictures", f"{expected} ({kind})", "compare equal numbers")
-        if len(side.lengths) < CONSTANTS.few:
-            clips = f"{len(side.lengths)} clip{'s' * (len(side.lengths) != 1)}"
-            yield warn(side, clips, "are few: intervals say little, and there is none of one", "name more")
         one, other = (float(np.median(a.lengths)) for a in (truth, side))
         if one != other:
             expected = f"beside the reference's {one:g}: flow is then over other times"
@@ -475,7 +432,6 @@ def findings(found: Measured, skipped: int = 0, pictures: bool = False) -> Findi
         "comparable": features.comparable,
         "settings": settings_record(found),
         "reference": _counts(found.reference),
-        "halves_of_reference": {kind: one.halves for kind, one in found.found.items()},
     }
     sentences = tuple(_sentences(found, heads))
     return Findings(
@@ -484,19 +440,16 @@ def findings(found: Measured, skipped: int = 0, pictures: bool = False) -> Findi
 
 
 def rows(found: Measured) -> list[dict[str, Any]]:
-    """One row a method: distances, 95 % intervals, and how much farther than the first method."""
-    first = next(iter(found.methods))
-    result = []
-    for name, side in found.methods.items():
-        row: dict[str, Any] = {"method": name, **_counts(side)}
-        for kind, one in found.found.items():
-            row[f"{kind}_fid"], row[f"{kind}_fid_95"] = one.frechet[name].value, one.frechet[name].interval
-            if name != first:
-                more = one.apart(name, first)
-                row[f"{kind}_fid_more"], row[f"{kind}_fid_more_95"] = more.value, more.interval
-                row[f"{kind}_fid_more_sure"] = more.above
-        result.append(row)
-    return result
+    """One row a method: distances and 95 % intervals."""
+    return [
+        {
+            "method": name,
+            **_counts(side),
+            **{f"{kind}_fid": one[name].value for kind, one in found.found.items()},
+            **{f"{kind}_fid_95": one[name].interval for kind, one in found.found.items()},
+        }
+        for name, side in found.methods.items()
+    ]
 
 
 def settings_record(found: Measured) -> dict[str, Any]:
@@ -530,24 +483,12 @@ def _between(distance: Distance) -> str:
     return f"[{_number(low)}, {_number(high)}]"
 
 
-def _share(distance: Distance) -> str:
-    return "-" if distance.above is None else f"{100 * distance.above:.0f} %"
-
-
 def _sentences(found: Measured, heads: Mapping[str, str]) -> Iterator[str]:
     """The order of the methods, and what limits it."""
     for kind, one in found.found.items():
-        order = sorted(found.methods, key=lambda name: one.frechet[name].value)
-        if len(order) == 1:
-            distance = one.frechet[order[0]]
-            yield f"{order[0]}: {heads[kind]} {_number(distance.value)}, 95 %: {_between(distance)}."
-            continue
-        names = order[:1]
-        for before, name in pairwise(order):
-            more = one.apart(name, before)
-            sure = more.interval is None or more.interval[0] > 0
-            names.append(name if sure else f"{name} (not surely farther: in {_share(more)} of the draws)")
-        yield f"By {heads[kind]}, the nearest first: {', '.join(names)}."
+        order = sorted(one.items(), key=lambda pair: pair[1].value)
+        names = [f"{name} {_number(distance.value)}, 95 %: {_between(distance)}" for name, distance in order]
+        yield f"{heads[kind]}{', the nearest first' * (len(order) > 1)}: {'; '.join(names)}."
     if not found.features.comparable:
         yield (
             f"NOT comparable with published FIDs: these are distances of {found.features.name}, colours and edges in "
@@ -556,33 +497,13 @@ def _sentences(found: Measured, heads: Mapping[str, str]) -> Iterator[str]:
 
 
 def _table(found: Measured, kind: str, head: str) -> Table:
-    one = found.found[kind]
-    first, *others = found.methods
-    lines = []
-    for name, side in found.methods.items():
-        distance = one.frechet[name]
-        line = [
-            name,
-            str(len(side.lengths)),
-            str(side.count(kind)),
-            _number(distance.value),
-            _between(distance),
-        ]
-        if others:
-            more = one.apart(name, first)
-            line += ["-"] * 3 if name == first else [f"{more.value:+.3g}", _between(more), _share(more)]
-        lines.append(tuple(line))
+    lines = tuple(
+        (name, str(len(side.lengths)), str(side.count(kind)), _number(one.value), _between(one))
+        for name, side in found.methods.items()
+        for one in (found.found[kind][name],)
+    )
     note = f"Reference: {len(found.reference.lengths)} clips, {found.reference.count(kind)} pictures."
-    if one.halves is not None:
-        note += (
-            f" One half of its clips is {_number(one.halves)} from the other: about what no difference looks like "
-            "among half as many."
-        )
-    heads: tuple[str, ...] = ("method", "clips", "pictures", head, "95 %")
-    if others:
-        heads += (f"farther than {first}", "95 %", "farther in")
-        note += " All methods share the draws, so that what they have in common cancels in differences."
-    return Table(heads, tuple(lines), note=note)
+    return Table(("method", "clips", "pictures", head, "95 %"), lines, note=note)
 
 
 def _how(found: Measured) -> tuple[str, str]:
@@ -599,7 +520,7 @@ def _plot(found: Measured, kind: str, head: str) -> Figure:
     """Distances with their intervals, a line a method."""
 
     def draw(axes: Axes, palette: Palette) -> None:
-        for k, distance in enumerate(found.found[kind].frechet.values()):
+        for k, distance in enumerate(found.found[kind].values()):
             low, high = distance.interval or (distance.value, distance.value)
             axes.plot([low, high], [k, k], color=palette.soft)
             axes.plot(distance.value, k, "o", color=palette.blue, markersize=4)

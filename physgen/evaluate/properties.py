@@ -21,13 +21,9 @@ from numpy.typing import NDArray
 from physgen.evaluate.measure import Figure, Findings, Progress, Section, Table, plotted
 from physgen.geometry import raster
 from physgen.geometry.polygon import Disc, Outline, Region, Ring
-from physgen.maps import read_labels
 from physgen.materials import kind as kind_of
-from physgen.perceive.perceive import fit_objects
 from physgen.perceive.roles import Matter, PhotoObject, Physics, Rgb
 from physgen.perceive.scale import MIN_SCALE_CONFIDENCE, box_sides, photo_scale
-from physgen.perceive.segment.prompts import from_masks
-from physgen.photos import read_photo
 from physgen.problems import InputError, Place, Problem
 from physgen.registry import Backends, suggestion
 from physgen.scene.document import Node, Source, children, decode, items, plain, read
@@ -76,9 +72,6 @@ class Item:
     """mm: diameter of a ball; height and diameter of a turned object; three sides of a box. Empty: not known."""
     mass: float | None = None
     """g, true."""
-    photo: Path | None = None
-    mask: Path | None = None
-    """A label map of the photo's size; all that is not 0 is the object."""
 
 
 @dataclass(frozen=True)
@@ -144,8 +137,6 @@ _ITEM = _object(
         "form": {"enum": [form.value for form in Form]},
         "size": {"type": "array", "items": _MASS},
         "mass": _MASS,
-        "photo": _TEXT,
-        "mask": _TEXT,
     }
 )
 TABLE = _object(
@@ -207,22 +198,13 @@ def _table(data: Mapping[str, Any], path: Path) -> Objects:
 
 
 def _item(name: str, row: Mapping[str, Any], path: Path, problems: list[Problem]) -> Item:
-    def wrong(found: str, expected: str, fix: str) -> None:
-        problems.append(Problem(Place(str(path)), f"objects.{name}", found, expected, fix))
-
     form, size = Form(row.get("form", "box")), tuple(row.get("size", ()))
     if size and len(size) != LENGTHS[form]:
-        wrong(
-            str(list(size)), f"is not {LENGTHS[form]} lengths in mm, as a {form.value} has", "write them all"
-        )
-    photo, mask = (path.parent / row[key] if key in row else None for key in ("photo", "mask"))
-    if (photo is None) != (mask is None):
-        wrong("", "has a photo or a mask alone", "a photo needs a label map of the object, in its size")
-    for file in (photo, mask):
-        if file is not None and not file.is_file():
-            wrong(quoted(file.name), "is not there", "name a file, from the table's folder")
+        expected = f"is not {LENGTHS[form]} lengths in mm, as a {form.value} has"
+        place = Place(str(path))
+        problems.append(Problem(place, f"objects.{name}", str(list(size)), expected, "write them all"))
     label = row.get("label", name.replace("-", " ").replace("_", " "))
-    return Item(name, label, form, size, row.get("mass"), photo, mask)
+    return Item(name, label, form, size, row.get("mass"))
 
 
 # ---- scores ------------------------------------------------------------------------------------------------------
@@ -313,14 +295,14 @@ def ask(table: Objects, backends: Backends, sized: bool, progress: Progress) -> 
     """By name. With `sized`, the backend gets each object's size, as from a photo of known scale; else its name
     alone.
 
-    Raises InputError where a photo cannot be read, or the backend cannot answer.
+    Raises InputError where the backend cannot answer.
     """
 
     def use(physics: Physics) -> dict[str, Answer]:
         found = {}
         for k, item in enumerate(table.items):
             progress(f"physics of {item.name}", k, len(table.items))
-            rgb, outline = _photo(item.photo, item.mask) if item.photo and item.mask else silhouette(item)
+            rgb, outline = silhouette(item)
             one = PhotoObject(1, outline, item.label)
             known = box_sides(outline)[0] / (max(item.size) / 1000) if item.size else None
             scale = known if sized and known else found_scale([one])
@@ -341,39 +323,16 @@ def found_scale(objects: Sequence[PhotoObject]) -> float | None:
     return found.pixels_per_meter if found is not None and found.confidence >= MIN_SCALE_CONFIDENCE else None
 
 
-def _photo(photo: Path, mask: Path) -> tuple[Rgb, Outline]:
-    rgb, labels = read_photo(photo).rgb, read_labels(mask)
-    if labels.shape != rgb.shape[:2]:
-        found = f"{labels.shape[1]} x {labels.shape[0]} px"
-        expected = f"differs from the {rgb.shape[1]} x {rgb.shape[0]} px of {photo.name}"
-        raise InputError.of(str(mask), found, expected, "make it the photo's size")
-    objects, _ = fit_objects(rgb, from_masks((labels > 0).astype(np.uint16)))
-    return rgb, objects[0].outline
-
-
-@dataclass(frozen=True)
-class Silhouette:
-    """The picture of an object without a photo."""
-
-    canvas: int = 512
-    """px of a side."""
-    longest: int = 256
-    """px of the object's longest side."""
-    paper: int = 235
-    """Grey level."""
-    ink: int = 110
-    """Grey level."""
-
-
-SILHOUETTE = Silhouette()
+CANVAS, LONGEST = 512, 256
+"""px: sides of a silhouette's picture and of its object."""
+PAPER, INK = 235, 110
+"""Grey levels."""
 
 
 def silhouette(item: Item) -> tuple[Rgb, Outline]:
     """A grey shape on paper: a ball's disc, or the rectangle of the two longest sides; turned objects stand upright."""
     size = item.size or {Form.BALL: (1.0,), Form.TURNED: (2.0, 1.0), Form.BOX: (1.0, 1.0, 1.0)}[item.form]
-    look = SILHOUETTE
-    middle = np.array([look.canvas / 2, look.canvas / 2])
-    per_mm = look.longest / max(size)
+    middle, per_mm = np.full(2, CANVAS / 2), LONGEST / max(size)
     outline: Outline
     if item.form is Form.BALL:
         outline = Disc(middle, size[0] / 2 * per_mm)
@@ -381,8 +340,8 @@ def silhouette(item: Item) -> tuple[Rgb, Outline]:
         tall, wide = size if item.form is Form.TURNED else sorted(size)[-2:]
         corners = np.array([[-wide, -tall], [wide, -tall], [wide, tall], [-wide, tall]]) / 2
         outline = Region((Ring(middle + corners * per_mm),))
-    covered = raster.coverage(outline, (look.canvas, look.canvas))[..., None]
-    rgb: NDArray[np.uint8] = np.rint(look.paper + (look.ink - look.paper) * covered).astype(np.uint8)
+    covered = raster.coverage(outline, (CANVAS, CANVAS))[..., None]
+    rgb: NDArray[np.uint8] = np.rint(PAPER + (INK - PAPER) * covered).astype(np.uint8)
     return np.repeat(rgb, 3, axis=2), outline
 
 
@@ -407,8 +366,6 @@ class Asked:
     source: str
     """Name of the backend: `table`, `vlm`."""
     sized: bool
-    photos: bool
-    """Whether each object has a photo."""
 
 
 def findings(table: Objects, answers: Mapping[str, Answer], asked: Asked) -> Findings:
@@ -473,13 +430,12 @@ def _sentences(score: Masses | None, totals: Mapping[str, Order], asked: Asked, 
                 f"{of.capitalize()}: {found.right} of {found.count} pairs in the right order{tied}. The paper: "
                 f"{right} of {count}."
             )
-    if not asked.photos:
-        sized = asked.sized and any(item.size for item in table.items)
-        size = "its size is given by the scale" if sized else "its size is not given"
-        lines.append(
-            "A table has no photos: the backend gets each object's name with a bare silhouette, a disc or a rectangle; "
-            f"{size}. The paper asks about photos."
-        )
+    sized = asked.sized and any(item.size for item in table.items)
+    size = "its size is given by the scale" if sized else "its size is not given"
+    lines.append(
+        "A table has no photos: the backend gets each object's name with a bare silhouette, a disc or a rectangle; "
+        f"{size}. The paper asks about photos."
+    )
     if asked.source == "table":
         lines.append(
             "The backend reads materials.yaml, which has no number from the table that ships. Its masses are no blind "

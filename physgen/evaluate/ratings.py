@@ -1,4 +1,4 @@
-"""Answers to a study -> means of methods, preferences between them, and agreement of raters.
+"""Answers to a study -> means of methods, and agreement of raters.
 
 Intervals are bootstraps over raters and scenes, drawn with replacement and apart from each other (A. Owen, The
 pigeonhole bootstrap, Annals of Applied Statistics 2007; it errs on the wide side). All methods share the draws.
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -175,42 +174,6 @@ def means(scores: Scores, draws: Draws) -> list[Mean]:
     return draws.means(scores.astype(np.float64), (scores > 0).astype(np.float64))
 
 
-@dataclass(frozen=True)
-class Pair:
-    """One method against another in one question, over the answers in which a rater scored both in a scene."""
-
-    one: int
-    other: int
-    """Methods, from 0."""
-    apart: Mean
-    """Mean of `one` less that of `other`."""
-    better: int
-    even: int
-    worse: int
-    """Answers in which `one` has more, as much, less."""
-
-    @property
-    def sure(self) -> bool:
-        """Whether the interval of the difference leaves 0 out."""
-        return (
-            self.apart.low is not None
-            and self.apart.high is not None
-            and self.apart.low * self.apart.high > 0
-        )
-
-
-def pairs(scores: Scores, draws: Draws) -> list[Pair]:
-    """Every two methods of (R, M, S) scores."""
-    found = []
-    for one, other in combinations(range(scores.shape[1]), 2):
-        both = (scores[:, one] > 0) & (scores[:, other] > 0)
-        apart = np.where(both, scores[:, one] - scores[:, other], 0)
-        (mean,) = draws.means(apart[:, None].astype(np.float64), both[:, None].astype(np.float64))
-        better, even, worse = (int(some.sum()) for some in (apart > 0, both & (apart == 0), apart < 0))
-        found.append(Pair(one, other, mean, better, even, worse))
-    return found
-
-
 def agreement(scores: Scores, seed: int = 0) -> Mean:
     """Krippendorff's alpha for ordinal data: 1 is perfect agreement, 0 is chance; None where it has no meaning.
 
@@ -245,10 +208,6 @@ ALPHA = (
     "Krippendorff's alpha for ordinal data: 1 is perfect agreement, 0 chance. From 0.8 up raters agree well, from "
     "0.667 up enough for tentative conclusions (Krippendorff 2004)."
 )
-PREFERRED = (
-    "Each line takes the answers in which one rater scored both methods in the same scene. A difference is sure where "
-    "its interval leaves 0 out."
-)
 
 
 def findings(answers: Answers, seed: int = 0) -> Findings:
@@ -258,7 +217,6 @@ def findings(answers: Answers, seed: int = 0) -> Findings:
     draws = Draws(raters, len(key.scenes), seed)
     mean = {q.key: means(scores[q.key], draws) for q in QUESTIONS}
     order = sorted(range(len(names)), key=lambda m: tuple(-(mean[q.key][m].mean or 0) for q in QUESTIONS))
-    compared = {q.key: pairs(scores[q.key], draws) for q in QUESTIONS}
     alike = [(q, agreement(scores[q.key].reshape(raters, -1), seed)) for q in QUESTIONS]
     rows: list[dict[str, Any]] = []
     for m in order:
@@ -275,9 +233,6 @@ def findings(answers: Answers, seed: int = 0) -> Findings:
         Section("Scores", (), tuple(_mean_table(q.name, q.key, rows) for q in QUESTIONS)),
         Section("Agreement between raters", (ALPHA,), (alphas,)),
     ]
-    if len(names) > 1:
-        tables = tuple(_pair_table(q.name, names, compared[q.key]) for q in QUESTIONS)
-        sections.insert(1, Section("Methods against each other", (PREFERRED,), tables))
     more = {
         "study": key.study,
         "raters": raters,
@@ -285,15 +240,15 @@ def findings(answers: Answers, seed: int = 0) -> Findings:
         "clips": len(key.clips),
         "interval": f"95 %, {DRAWS} bootstrap draws of raters and videos, seed {seed}",
         "agreement": {q.key: {"alpha": one.mean, "low": one.low, "high": one.high} for q, one in alike},
-        "comparisons": {
-            q.key: [
-                asdict(pair) | {"one": names[pair.one], "other": names[pair.other]}
-                for pair in compared[q.key]
-            ]
-            for q in QUESTIONS
-        },
     }
-    sentences = [f"{q.name}: {_leader(names, mean[q.key], compared[q.key], order)}" for q in QUESTIONS]
+    sentences = []
+    for q in QUESTIONS:
+        method, best = max(
+            ((row["method"], row[q.key]) for row in rows), key=lambda pair: pair[1]["mean"] or 0
+        )
+        value = f"{number(best['mean'])} {interval(best['low'], best['high'])}".removesuffix(" -")
+        highest = f"{method} scores highest, {value} of {POINTS}."
+        sentences.append(f"{q.name}: {highest if best['answers'] else 'no rater answered.'}")
     given = sum(int((scores[q.key] > 0).sum()) for q in QUESTIONS)
     asked = len(key.clips) * raters * len(QUESTIONS)
     text = f"{counted(raters, 'rater')}, {counted(len(key.scenes), 'video')} a method, {given} answers"
@@ -306,24 +261,6 @@ def findings(answers: Answers, seed: int = 0) -> Findings:
     return Findings("study", title, tuple(sentences), tuple(sections), rows, more=more)
 
 
-def _leader(
-    names: Sequence[str], mean: Sequence[Mean], compared: Sequence[Pair], order: Sequence[int]
-) -> str:
-    """The best method, and those of which that is not sure."""
-    known = [m for m in order if mean[m].mean is not None]
-    if not known:
-        return "no rater answered."
-    best = max(known, key=lambda m: mean[m].mean or 0)
-    value = f"{number(mean[best].mean)} {interval(mean[best].low, mean[best].high)}".removesuffix(" -")
-    unsure = [
-        names[pair.other if pair.one == best else pair.one]
-        for pair in compared
-        if best in (pair.one, pair.other) and {pair.one, pair.other} <= set(known) and not pair.sure
-    ]
-    doubt = f", not surely more than {', '.join(unsure)}" if unsure else ""
-    return f"{names[best]} {'scores highest, ' if len(known) > 1 else ''}{value} of {POINTS}{doubt}."
-
-
 def _mean_table(title: str, question: str, rows: Sequence[Mapping[str, Any]]) -> Table:
     lines = []
     for row in rows:
@@ -333,14 +270,3 @@ def _mean_table(title: str, question: str, rows: Sequence[Mapping[str, Any]]) ->
     heads = ("method", "mean", "95 %", *(f"{point}" for point in range(1, POINTS + 1)))
     note = "Last columns: answers from 1, strongly disagree, to 5, strongly agree."
     return Table(heads, tuple(lines), title, note)
-
-
-def _pair_table(title: str, names: Sequence[str], compared: Sequence[Pair]) -> Table:
-    lines = tuple(
-        (
-            names[pair.one], names[pair.other], number(pair.apart.mean, "+.2f"),
-            interval(pair.apart.low, pair.apart.high, "+.2f"), str(pair.better), str(pair.even), str(pair.worse),
-        )
-        for pair in compared
-    )  # fmt: skip
-    return Table(("method", "against", "difference", "95 %", "better", "even", "worse"), lines, title)

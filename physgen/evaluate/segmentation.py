@@ -10,7 +10,7 @@ import contextlib
 import io
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -235,18 +235,13 @@ def _hidden(path: Path, folder: Path) -> bool:
 
 def _named(found: list[Pair], folder: Path) -> list[Pair]:
     """The pairs by name: a photo's path in the folder, or its own folder's where that holds one photo."""
-    return sorted(_names(found, folder), key=lambda pair: pair.name)
-
-
-def _names(found: list[Pair], folder: Path) -> Iterator[Pair]:
-    used: dict[str, int] = {}
+    named = []
     for pair in found:
         way = pair.photo.relative_to(folder) if pair.photo.is_relative_to(folder) else Path(pair.photo.name)
         alone = pair.truth == pair.photo.parent / ASSETS
         parts = way.parent.parts or (folder.resolve().name,) if alone else way.with_suffix("").parts
-        name = re.sub(r"[^\w.-]+", "-", "-".join(parts)).strip(".-") or "photo"
-        used[name] = used.get(name, 0) + 1
-        yield replace(pair, name=name if used[name] == 1 else f"{name}-{used[name]}")
+        named.append(replace(pair, name=re.sub(r"[^\w.-]+", "-", "-".join(parts)).strip(".-") or "photo"))
+    return sorted(named, key=lambda pair: pair.name)
 
 
 # ---- matching ----------------------------------------------------------------------------------------------------

@@ -7,7 +7,6 @@ from itertools import combinations
 from math import pi
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from scipy import stats
@@ -111,22 +110,8 @@ def test_size_is_told_by_the_scale() -> None:
     assert hidden["b60.0"].mass == hidden["b120.0"].mass
 
 
-def test_a_photo_is_asked_about_where_there_is_one(tmp_path: Path) -> None:
-    mask = np.zeros((60, 80), np.uint8)
-    cv2.circle(mask, (40, 30), 20, 1, -1)
-    cv2.imwrite(str(tmp_path / "mask.png"), mask)
-    cv2.imwrite(str(tmp_path / "photo.png"), np.full((60, 80, 3), 128, np.uint8))
-    row = "objects:\n  b: {label: steel ball, form: ball, size: [40], mass: 263, photo: photo.png, mask: mask.png}\n"
-    table = read_table(written(tmp_path / "t.yaml", row))
-    told = ask(table, Backends(), True, lambda *_: None)["b"].mass
-    assert told == pytest.approx(7.85 * pi / 6 * 4**3, rel=0.1)  # 40 px are 40 mm
-    cv2.imwrite(str(tmp_path / "mask.png"), mask[:-1])
-    with pytest.raises(InputError, match="differs from the 80 x 60 px"):
-        ask(table, Backends(), True, lambda *_: None)
-
-
 def test_right_answers_are_right_and_turned_ones_are_not(tmp_path: Path) -> None:
-    table, asked = read_table(written(tmp_path / "t.yaml")), Asked("table", True, False)
+    table, asked = read_table(written(tmp_path / "t.yaml")), Asked("table", True)
     mass, friction = findings(table, RIGHT, asked).rows
     assert (mass["within_30"], mass["ade_g"]) == (2, 0)
     assert (friction["pairs"], friction["right"]) == (3, 3)
@@ -169,7 +154,6 @@ def test_a_model_is_asked_one_by_one(
         ("objects:\n  a: {mas: 3}\n", "'mas' was unexpected"),
         ("objects:\n  a: {mass: 3, form: bal}\n", "'bal' is not one of"),
         ("objects:\n  a: {mass: 3, form: turned, size: [1]}\n", "is not 2 lengths in mm"),
-        ("objects:\n  a: {mass: 3, photo: x.png}\n", "has a photo or a mask alone"),
         ("objects:\n  a: {label: apple}\n", "has nothing to compare answers with"),
         ("objects: {}\n", "has nothing to compare answers with"),
         ("objects:\n  a: {mass: 1}\nrankings: {friction: [{values: {a: 1, b: 2}}]}\n", '"b" is no object'),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from physgen.evaluate.plausibility.judge import Verdict, judge
-from physgen.evaluate.plausibility.tracks import Outline, Tracks
+from physgen.evaluate.plausibility.tracks import Tracks, disc
 from physgen.problems import InputError
 from physgen.scene.scene import View
 
@@ -16,7 +16,7 @@ RNG = np.random.default_rng(3)
 
 def clip(paths: list[np.ndarray], view: View = View.SIDE, radius: float = 10.0, **more: object) -> Tracks:
     names = tuple(f"ball-{k + 1}" for k in range(len(paths)))
-    forms = (Outline(radius, radius),) * len(paths)
+    forms = (disc(radius),) * len(paths)
     times = np.arange(len(paths[0])) / FPS
     return Tracks("clip", times, names, np.stack(paths, axis=1), None, forms, view, 0.02, "by hand", **more)
 
@@ -116,14 +116,11 @@ def test_known_masses_tell_more() -> None:
     assert deviation(heavy, "momentum") == pytest.approx(0.5 * 300 * 5 / (150 + 900), abs=0.05)
 
 
-def test_one_goes_through_another_in_frames_between_them_and_behind() -> None:
+def test_one_goes_through_another_in_frames_and_between_them() -> None:
     through = judge(clip([along(50, 200, 240, 0), along(330, 203, -180, 0)], View.TOP))
     assert 0.7 < deviation(through, "overlap") < 1  # a whole ball deep, less what frames and noise leave open
     fast = judge(clip([along(-890, 200, 1800, 0), along(300, 200, 0, 0)], View.TOP))
     assert fast.wrong
-    paths = [along(50, 200, 240, 0), along(330, 203, -180, 0)]
-    paths[1][17:24] = np.nan
-    assert "overlap" in {question for question, _ in judge(clip(paths, View.TOP)).faults()}
     apart = judge(clip([along(50, 200, 240, 0), along(330, 240, -180, 0)], View.TOP))
     assert apart.wrong is False
 
@@ -137,32 +134,6 @@ def test_a_jump_is_found_in_its_frame_by_its_size() -> None:
     flicker = fall()
     flicker[22] += (40, 0)
     assert judge(clip([flicker])).wrong
-
-
-def test_nothing_starts_by_itself_but_what_is_hit_pushed_or_let_go() -> None:
-    still = np.zeros(2)
-    starts = two(still, still, still, np.array([200.0, 0.0]))
-    starts[0] -= (150, 0)  # no one near
-    alone = judge(clip(starts, View.TOP))
-    assert alone.faults()[0][0] == "starts"
-    pushed = judge(clip(starts, View.TOP, held=frozenset({1})))
-    assert pushed.wrong is False
-    hit = judge(
-        clip(two(np.array([220.0, 0.0]), still, np.array([20.0, 0.0]), np.array([200.0, 0.0])), View.TOP)
-    )
-    assert deviation(hit, "starts") == 0
-    t = np.maximum(np.arange(45) / FPS - 0.6, 0)
-    drop = np.stack([np.full(45, 60.0), 100 + 450 * t * t], axis=1)
-    assert judge(clip([drop])).wrong is False
-    assert judge(clip([drop[:, ::-1] * (1, 1)])).wrong  # the same sideways
-    assert judge(clip([200 - drop])).wrong  # and upwards
-
-
-def test_on_a_table_things_only_slow_down() -> None:
-    t = np.arange(40) / FPS
-    slower = np.stack([50 + 300 * t - 80 * t * t, np.full(40, 90.0)], axis=1)
-    assert judge(clip([slower], View.TOP)).wrong is False
-    assert judge(clip([slower[::-1].copy()], View.TOP)).faults()[0][0] == "speeding"  # played backwards
 
 
 def test_what_cannot_be_asked_is_no_success() -> None:

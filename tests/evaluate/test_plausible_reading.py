@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from physgen.cli.main import main
 from physgen.evaluate.plausibility.judge import judge
@@ -22,18 +20,6 @@ PATHS = [
     np.stack([20 + 30 * T, 90 - 165 * T + G * T * T / 2], axis=1),
     np.stack([110 - 9 * T, 96 - 190 * T + G * T * T / 2], axis=1),
 ]
-SIZE = 128
-
-
-def maps() -> list[np.ndarray]:
-    y, x = np.mgrid[:SIZE, :SIZE]
-    found = []
-    for frame in range(FRAMES):
-        ids = np.zeros((SIZE, SIZE), np.uint8)
-        for k, path in enumerate(PATHS):
-            ids[np.hypot(x - path[frame, 0], y - path[frame, 1]) <= RADIUS] = k + 1
-        found.append(ids)
-    return found
 
 
 def table(home: Path) -> Path:
@@ -47,28 +33,10 @@ def table(home: Path) -> Path:
     return home / "tracks.csv"
 
 
-def masks(home: Path) -> Path:
-    for k, ids in enumerate(maps()):
-        Image.fromarray(ids).save(home / f"{k}.png")
-    return home
-
-
-def colours(home: Path) -> Path:
-    palette = np.array([[0, 0, 0], [128, 0, 0], [0, 128, 0]], np.uint8)
-    for k, ids in enumerate(maps()):
-        Image.fromarray(palette[ids]).save(home / f"{k:03d}.png")
-    return home
-
-
-@pytest.mark.parametrize("write", [table, masks, colours])
-def test_every_format_tells_the_same_motion(write: Callable[[Path], Path], tmp_path: Path) -> None:
-    (tracks,) = read(write(tmp_path), FPS)
+def test_a_table_tells_the_motion(tmp_path: Path) -> None:
+    (tracks,) = read(table(tmp_path), FPS)
     assert tracks.step == pytest.approx(1 / FPS, rel=1e-3)
-    order = np.argsort(tracks.places[0, :, 0])
-    for k, path in zip(order, PATHS, strict=True):
-        seen = np.isfinite(tracks.places[:, k, 0])
-        assert seen.all()
-        assert np.abs(tracks.places[seen, k] - path[seen]).max() < 0.35
+    np.testing.assert_allclose(tracks.places, np.stack(PATHS, axis=1), atol=1e-3)
     verdict = judge(tracks)
     assert verdict.wrong is False
     assert verdict.motion.gravity is not None
@@ -82,7 +50,7 @@ BAD = {
     "far.csv": ("frame,name,x,y\n0,a,1e300,2\n", 'far.csv:2:1: x: "1e300" is no number from -1e+06 to 1e+06'),
     "thin.csv": ("frame,name,x,y,radius\n0,a,1,2,-3\n", 'radius: "-3" is no number from 0.001 to 1e+06'),
     "twice.csv": ("frame,name,x,y\n0,a,1,2\n0,a,2,2\n1,a,2,2\n", "is twice in frame 0"),
-    "parts.csv": ("frame,name,x,y\n0,a,1,2\n1,a,2,2\n1.4,a,2,2\n", "are not whole numbers"),
+    "parts.csv": ("frame,name,x,y\n0,a,1,2\n1,a,2,2\n1.4,a,2,2\n", 'frame: "1.4" is no whole number'),
     "film.avi": ("", "is no kind of tracks"),
 }
 
@@ -96,19 +64,6 @@ def test_what_cannot_be_read_is_refused(name: str, tmp_path: Path) -> None:
     assert message in str(error.value)
 
 
-def test_pictures_of_different_sizes_and_photos_are_refused(tmp_path: Path) -> None:
-    masks(tmp_path)
-    Image.fromarray(np.ones((SIZE, SIZE + 1), np.uint8)).save(tmp_path / "9999.png")
-    with pytest.raises(InputError, match=r"9999.png: 129 x 128 px is not the size of 0.png"):
-        list(read(tmp_path))
-    photo = tmp_path / "photo"
-    photo.mkdir()
-    noise = np.random.default_rng(0).integers(0, 255, (64, 64, 3)).astype(np.uint8)
-    Image.fromarray(noise).save(photo / "0.png")
-    with pytest.raises(InputError, match="it is a photo"):
-        list(read(photo))
-
-
 def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = table(tmp_path)
     assert main(["evaluate", "plausibility", str(path), "-o", str(tmp_path / "page")]) == 0
@@ -120,7 +75,7 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         for line in lines[13:25]
     ]
     path.write_text("\n".join([*lines[:13], *moved, *lines[25:]]) + "\n")
-    assert main(["evaluate", "plausibility", str(path), "--json", "--skip", "overlap,starts"]) == 1
+    assert main(["evaluate", "plausibility", str(path), "--json", "--skip", "overlap"]) == 1
     (row,) = json.loads(capsys.readouterr().out)["rows"]
     worst = row["questions"]["jumps"]["evidence"][0]
     assert (row["verdict"], worst["objects"], worst["frame"]) == ("wrong", ["ball-1"], 12)
@@ -143,7 +98,7 @@ def test_a_scene_and_its_clip_are_judged_by_their_places(tmp_path: Path) -> None
     (by_clip,) = read(tmp_path / "out", view=View.TOP)
     np.testing.assert_array_equal(by_scene.places, by_clip.places)
     assert by_clip.view is View.SIDE
-    assert by_clip.forms[0].core == 8
+    assert by_clip.forms[0].reach == 8
     scene.unlink()
     (alone,) = read(tmp_path / "out")
     assert alone.forms[0].reach == 0

@@ -38,11 +38,11 @@ class Inception:
 
     name, comparable = "inception", True
 
-    def __init__(self, path: Path, device: str) -> None:
+    def __init__(self, path: Path) -> None:
         self._path = path.expanduser()
         if not self._path.is_file():
             raise InputError.of(FLAG, f'"{path}"', "no such file", GET)
-        self._device = device_of(Setup(device=device))
+        self._device = device_of(Setup())
 
     @cached_property
     def _model(self) -> Any:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import combinations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -50,20 +50,6 @@ class Tuning:
     """Standard deviations of a step: four places, extrapolated."""
     doubtful: float = 0.4
     """What a jump counts where the motion around it is not smooth: two impacts in one frame look like a jump."""
-    hidden: float = 0.5
-    """s of a gap in a track that can be bridged."""
-    shifted: float = 0.4
-    """px, root mean square: centroids of what is just about to be hidden are off by some."""
-    rest: float = 0.15
-    """s of a rest, and five frames at least."""
-    after: int = 6
-    """Frames in which what starts must have come away."""
-    latest: int = 15
-    """Frames that a slow start may be hidden in noise."""
-    spin_lasts: float = 0.5
-    """s after an impact, at most, in which spin gives back speed."""
-    follow: float = 2 / 7
-    """Of the speed that a ball has lost in impacts, its spin gives back: a follow shot (any billiards text)."""
 
 
 TUNING = Tuning()
@@ -100,21 +86,9 @@ def gravity(motion: Motion) -> list[Evidence]:
         way = "is pulled upwards" if flight.terms[2, 1] < 0 else "falls"
         frames = f"frames {flight.first} to {flight.last}"
         text = f"{motion.tracks.names[k]}: {way} at {own:.0f} px/s² over {frames}, all flights at {size:.0f}"
-        deviation = apart / size if apart > 0 and not _kinked(motion, k, flight, pulled) else 0.0
+        deviation = max(0.0, apart) / size
         found.append(Evidence(deviation, (flight.first + flight.last) // 2, (k,), text))
     return found
-
-
-def _kinked(motion: Motion, body: int, flight: Segment, pulled: Array) -> bool:
-    """Whether a fall as all others' with one small impact in it explains the places as well."""
-    rows = slice(flight.first, flight.last + 1)
-    path, s = motion.tracks.places[rows, body], motion.tracks.times[rows] - flight.middle
-    left = float(((path - np.stack([np.ones_like(s), s, s * s / 2], axis=1) @ flight.terms) ** 2).sum())
-    off, best = path - np.outer(s * s / 2, pulled), np.inf
-    for at in (s[1:-2] + s[2:-1]) / 2:
-        columns = np.stack([np.ones_like(s), s, np.maximum(s - at, 0.0)], axis=1)
-        best = min(best, float(((off - columns @ (np.linalg.pinv(columns) @ off)) ** 2).sum()))
-    return best <= left + 9 * float(motion.sigma[body]) ** 2
 
 
 def _few(segment: Segment) -> float:
@@ -212,23 +186,22 @@ def overlap(motion: Motion) -> list[Evidence]:
     """Each pair that comes near; depth beyond the one of the first frames, in parts of the thinner's width."""
     tracks, found = motion.tracks, []
     paths = [_dense(motion, k) for k in range(len(tracks.names))]
-    for one in range(len(tracks.names)):
-        for other in range(one + 1, len(tracks.names)):
-            a, b = tracks.forms[one], tracks.forms[other]
-            least, most = motion.gap(one, other)
-            if {one, other} <= tracks.held or min(a.thin, b.thin) <= 0 or not np.isfinite(most).any():
-                continue
-            depth, frame = float(-np.nanmin(most)), int(np.nanargmin(most))
-            if a.core > 0 and b.core > 0:  # between frames, and behind each other
-                deep = a.core + b.core - np.hypot(*(paths[one] - paths[other]).T)
-                if np.nanmax(deep, initial=-np.inf) > depth:
-                    depth, frame = float(np.nanmax(deep)), int(np.nanargmax(deep)) // PARTS
-            if depth <= 0 and np.nanmin(least) > motion.margin(one, other, 0, len(least) - 1):
-                continue
-            start = max(0.0, -float(most[np.isfinite(most)][:2].min()))
-            beyond = max(0.0, depth - 1.2 * start - 3 * motion.shake(one, other) - 1.0)
-            text = f"{tracks.names[one]} and {tracks.names[other]}: {depth:.1f} px deep in each other at frame {frame}"
-            found.append(Evidence(beyond / min(a.thin, b.thin), frame, (one, other), text))
+    for one, other in combinations(range(len(tracks.names)), 2):
+        a, b = tracks.forms[one], tracks.forms[other]
+        gap, thin = motion.gap(one, other), min(a.thin, b.thin)
+        if {one, other} <= tracks.held or thin <= 0 or not np.isfinite(gap).any():
+            continue
+        depth, frame = float(-np.nanmin(gap)), int(np.nanargmin(gap))
+        if a.round and b.round:  # between frames
+            deep = a.reach + b.reach - np.hypot(*(paths[one] - paths[other]).T)
+            if np.nanmax(deep, initial=-np.inf) > depth:
+                depth, frame = float(np.nanmax(deep)), int(np.nanargmax(deep)) // PARTS
+        if depth <= 0 and np.nanmin(gap) > motion.margin(one, other, 0, len(gap) - 1):
+            continue
+        start = max(0.0, -float(gap[np.isfinite(gap)][:2].min()))
+        beyond = max(0.0, depth - 1.2 * start - 3 * motion.shake(one, other) - 1.0)
+        text = f"{tracks.names[one]} and {tracks.names[other]}: {depth:.1f} px deep in each other at frame {frame}"
+        found.append(Evidence(beyond / thin, frame, (one, other), text))
     return found
 
 
@@ -237,26 +210,9 @@ PARTS = 4
 
 
 def _dense(motion: Motion, body: int) -> Array:
-    """(PARTS (T - 1) + 1, 2): places, between frames where no segment ends too, and in short gaps those of the parabola
-    through the frames around it, if there is one: what was hit does not go on smoothly.
-    """
-    tracks = motion.tracks
-    path = tracks.places[:, body].copy()
-    for (first, end), (begin, last) in pairwise(runs(tracks.seen[:, body])):
-        if (begin - end + 1) * tracks.step > TUNING.hidden:
-            continue
-        for side in (6, 4, 3):  # fewer, where something was hit there
-            rows = np.r_[max(first, end - side) : end, begin : min(last, begin + side)]
-            s, gap = tracks.times[rows] - tracks.times[end], tracks.times[end:begin] - tracks.times[end]
-            terms = np.polyfit(s, tracks.places[rows, body], 2) if len(rows) > 4 else None
-            if terms is None:
-                continue
-            left = tracks.places[rows, body] - np.vander(s, 3) @ terms
-            if np.sqrt((left**2).mean()) <= 2.5 * motion.sigma[body] + TUNING.shifted:
-                path[end:begin] = np.vander(gap, 3) @ terms
-                break
-    ticks = np.arange(PARTS * (len(path) - 1) + 1) / PARTS
-    frames = np.arange(len(path))
+    """(PARTS (T - 1) + 1, 2) px: between frames too; NaN where a segment ends, since what was hit turns there."""
+    path = motion.tracks.places[:, body]
+    frames, ticks = np.arange(len(path)), np.arange(PARTS * (len(path) - 1) + 1) / PARTS
     dense = np.stack([np.interp(ticks, frames, path[:, axis]) for axis in (0, 1)], axis=1)
     for segment in motion.segments[body]:
         dense[PARTS * segment.last + 1 : PARTS * (segment.last + 1)] = np.nan
@@ -316,123 +272,12 @@ def _shoved(motion: Motion, body: int, frame: int, usual: float) -> float:
     for other in range(len(tracks.names)):
         if other == body:
             continue
-        gap = motion.gap(body, other)[0][max(frame - 1, 0) : frame + 1]
+        gap = motion.gap(body, other)[max(frame - 1, 0) : frame + 1]
         nearer = max(0.0, float(gap[0] - gap[-1])) if np.isfinite(gap).all() else np.inf
         if gap[-1] <= 2.0 + 1.2 * nearer + 3 * motion.shake(body, other):
             lengths = np.hypot(*motion.steps[max(frame - 1, 0) : frame + 2, other].T)
             fastest = max(fastest, float(np.nanmax(lengths, initial=0.0)))
     return max(0.0, 2 * fastest - usual) if fastest > 1.0 else 0.0
-
-
-def starts(motion: Motion) -> list[Evidence]:
-    """Each time that something at rest comes to move, and everything that rests and stays."""
-    found = []
-    for k, name in enumerate(motion.tracks.names):
-        rests = [
-            (*rest, last)
-            for first, last in runs(motion.tracks.seen[:, k])
-            for rest in (_rests(motion, k, first, last) if motion.free(k) else [])
-        ]
-        own = [_start(motion, k, *rest) for rest in rests if rest[1] < rest[2] - 2]
-        away = [evidence for evidence in own if evidence is not None]
-        found += away or [Evidence(0.0, 0, (k,), f"{name}: rests, and stays")] * bool(rests)
-    return found
-
-
-def _rests(motion: Motion, body: int, first: int, last: int) -> list[tuple[int, int]]:
-    """First frame and last + 1 of each rest."""
-    path = motion.tracks.places[first:last, body]
-    still = 4 * float(motion.sigma[body]) + 0.1
-    fewest = max(5, int(np.ceil(TUNING.rest / motion.tracks.step)))
-    found, begin = [], 0
-    while begin + fewest <= len(path):
-        end = begin + fewest
-        middle = np.median(path[begin:end], axis=0)
-        if np.hypot(*(path[begin:end] - middle).T).max() > still:
-            begin += 1
-            continue
-        while end < len(path) and np.hypot(*(path[end] - middle)) <= still:
-            end += 1
-            middle = np.median(path[begin:end], axis=0)
-        found.append((first + begin, first + end))
-        begin = end
-    return found
-
-
-def _start(motion: Motion, body: int, begin: int, end: int, last: int) -> Evidence | None:
-    """`end` is the first frame that is away; None where it does not really come away."""
-    tracks, sigma, name = motion.tracks, float(motion.sigma[body]), motion.tracks.names[body]
-    rest, stop = tracks.places[begin:end, body], min(end + TUNING.after, last)
-    way = tracks.places[stop - 1, body] - np.median(rest, axis=0)
-    gone, still = float(np.hypot(*way)), 4 * sigma + 0.1
-    ticks = np.arange(len(rest)) - (len(rest) - 1) / 2
-    spread = float(ticks @ ticks)
-    creep = float(np.hypot(*(ticks @ rest))) / spread + 3 * sigma / np.sqrt(
-        spread
-    )  # px a frame in its rest, at most
-    least = max(2 * still, 2.0) + creep * (stop - 1 - (begin + end - 1) / 2)
-    if gone < least:
-        return None
-    # what starts slowly takes long to come out of the noise: what set it moving was there before
-    slow = int(np.ceil(still / max(gone / (stop - end), 1e-9)))
-    mover = _mover(motion, body, end - min(slow, TUNING.latest), end)
-    if mover is not None:
-        return Evidence(0.0, end, (body,), f"{name}: is set moving by {tracks.names[mover]}")
-    falls = tracks.view is View.SIDE and not tracks.flat and way[1] > max(still, 0.1 * abs(way[0]))
-    # a quarter of the way is behind it halfway where gravity pulls it from rest, half after a blow
-    half = np.hypot(*(tracks.places[(end + stop - 1) // 2, body] - np.median(rest, axis=0)))
-    if falls and half - still < 0.42 * gone:
-        return Evidence(0.0, end, (body,), f"{name}: lets go, and goes down")
-    size = max(2.0, 0.1 * tracks.forms[body].reach)
-    text = f"{name}: rests to frame {end - 1}, then goes {gone:.0f} px in {stop - end} frames, and nothing touches it"
-    return Evidence((gone - least) / size, end, (body,), text)
-
-
-def _mover(motion: Motion, body: int, early: int, frame: int) -> int | None:
-    """Something near that moves then, or that touches something that does, and so on."""
-    first, last = max(early - 3, 0), min(frame + 1, len(motion.tracks.times) - 1)
-    asked, seen = [body], {body}
-    while asked:
-        for other in set(motion.near(asked.pop(), first, last)) - seen:
-            path = motion.tracks.places[max(first - 1, 0) : last + 1, other]
-            path = path[np.isfinite(path).all(axis=1)]
-            if len(path) > 1 and np.hypot(*(path[-1] - path[0])) > max(4 * motion.sigma[other], 0.2):
-                return other
-            seen.add(other)
-            asked.append(other)
-    return None
-
-
-def speeding(motion: Motion) -> list[Evidence]:
-    """Each segment on a table that nothing touches: how much faster it ends than it began, over its speed."""
-    tracks, found = motion.tracks, []
-    for k in range(len(tracks.names)):
-        if tracks.view is View.SIDE or not motion.free(k) or not motion.moves(k):
-            continue
-        near = 0.5 + 3 * motion.sigma[k]
-        for segment in (s for s in motion.segments[k] if s.count >= 6 and motion.alone(k, s, near)):
-            first, last = tracks.times[segment.first], tracks.times[segment.last]
-            begin, end = (float(np.hypot(*segment.at(time, 1))) for time in (first, last))
-            far = max(begin, end) * (last - first) >= max(2.0, 8 * float(motion.sigma[k]))
-            if not far:
-                continue
-            error = segment.error(last, 2) * (last - first) * _few(segment)
-            returned = TUNING.follow * max(0.0, _came_at(motion, k, segment) - begin)
-            gained = max(0.0, end - begin - returned - TUNING.sure * error)
-            text = f"{tracks.names[k]}: {begin:.0f}, then {end:.0f} px/s, frames {segment.first} to {segment.last}"
-            found.append(Evidence(gained / max(begin, 0.25 * end), segment.last, (k,), text))
-    return found
-
-
-def _came_at(motion: Motion, body: int, segment: Segment) -> float:
-    """px/s that it ever went, where impacts were not long before, else 0: spin may stem from the first of them."""
-    first = max(0, segment.first - int(np.ceil(TUNING.spin_lasts / motion.tracks.step)))
-    sudden = any(turn.sudden and first <= turn.before.last < segment.first for turn in motion.turns[body])
-    vague = any(not s.good and first <= s.last < segment.first for s in motion.segments[body])
-    if not (sudden or vague):
-        return 0.0
-    steps = np.hypot(*motion.steps[: segment.first, body].T)
-    return float(np.nanmax(steps, initial=0.0)) / motion.tracks.step
 
 
 # ---- verdict -----------------------------------------------------------------------------------------------------
@@ -457,10 +302,6 @@ QUESTIONS = {
     ),
     "overlap": Question("nothing goes through another", 0.1, overlap, "no two outlines come near each other"),
     "jumps": Question("nothing jumps", 0.5, jumps, "no track goes on for 6 frames"),
-    "starts": Question("nothing at rest starts by itself", 0.6, starts, "nothing rests"),
-    "speeding": Question(
-        "nothing on a table speeds up by itself", 0.2, speeding, "nothing moves alone on a table"
-    ),
 }
 
 

@@ -240,7 +240,7 @@ class Motion:
         self.sigma = noise(tracks)
         self.steps = np.asarray(np.diff(tracks.places, axis=0))
         """(T - 1, N, 2) px from frame to frame."""
-        self._gaps: dict[tuple[int, int], tuple[Array, Array]] = {}
+        self._gaps: dict[tuple[int, int], Array] = {}
 
     @cached_property
     def segments(self) -> list[list[Segment]]:
@@ -355,7 +355,7 @@ class Motion:
     def alone(self, body: int, segment: Segment, margin: float) -> bool:
         """Whether other bodies are farther away, px, in all but its first and last frame."""
         inner, forms = slice(segment.first + 1, segment.last), self.tracks.forms
-        gaps = [self.gap(body, k)[0][inner] for k in range(len(forms)) if k != body and forms[k].reach > 0]
+        gaps = [self.gap(body, k)[inner] for k in range(len(forms)) if k != body and forms[k].reach > 0]
         return all(np.nanmin(gap, initial=np.inf) > margin for gap in gaps)
 
     @cached_property
@@ -379,28 +379,22 @@ class Motion:
 
     # distances
 
-    def gap(self, one: int, other: int) -> tuple[Array, Array]:
-        """(T,) px between two bodies, at least and at most: negative where they overlap, NaN where one is not seen.
-
-        Negative and infinite where it is not known how far they reach.
-        """
+    def gap(self, one: int, other: int) -> Array:
+        """(T,) px between two bodies: negative where they overlap, NaN where one is not seen."""
         key = (min(one, other), max(one, other))
         if key not in self._gaps:
             self._gaps[key] = self._gap(*key)
         return self._gaps[key]
 
-    def _gap(self, one: int, other: int) -> tuple[Array, Array]:
+    def _gap(self, one: int, other: int) -> Array:
         a, b = self.tracks.forms[one], self.tracks.forms[other]
-        far = np.hypot(*(self.tracks.places[:, one] - self.tracks.places[:, other]).T)
-        least = far - a.reach - b.reach
-        if not all(form.round or form.pieces for form in (a, b)):
-            return least, far - a.core - b.core if a.core > 0 and b.core > 0 else np.full(len(far), np.inf)
+        gap = np.hypot(*(self.tracks.places[:, one] - self.tracks.places[:, other]).T) - a.reach - b.reach
         if not (a.round and b.round):
-            close = np.flatnonzero(least < 0.5 * (a.reach + b.reach))
+            close = np.flatnonzero(gap < 0.5 * (a.reach + b.reach))
             shapes = [[piece[close] for piece in self._shapes[k]] for k in (one, other)]
             parted = [_separation(mine, others) for mine in shapes[0] for others in shapes[1]]
-            least[close] = np.min(parted, axis=0)
-        return least, least
+            gap[close] = np.min(parted, axis=0)
+        return np.asarray(gap)
 
     @cached_property
     def _shapes(self) -> list[list[Array]]:
@@ -426,13 +420,13 @@ class Motion:
             other
             for other in range(len(self.tracks.names))
             if other != body
-            and np.nanmin(self.gap(body, other)[0][lo : hi + 1], initial=np.inf)
+            and np.nanmin(self.gap(body, other)[lo : hi + 1], initial=np.inf)
             <= self.margin(body, other, lo, hi)
         ]
 
     def margin(self, one: int, other: int, first: int, last: int) -> float:
         """px that two bodies may still be apart in every frame and yet touch in between."""
-        rate = np.abs(np.diff(self.gap(one, other)[0][max(first - 1, 0) : last + 2]))
+        rate = np.abs(np.diff(self.gap(one, other)[max(first - 1, 0) : last + 2]))
         # what hits half-way between two frames is half a step away in both
         return 1.5 + 0.65 * float(np.nanmax(rate, initial=0.0)) + 3 * self.shake(one, other)
 
@@ -516,7 +510,7 @@ def _impact(motion: Motion, turn: Turn) -> Impact | None:
         return None
     other = others[0]
     for body in set(motion.near(other.body, first, last)) - {turn.body}:
-        gap = motion.gap(other.body, body)[0][first : last + 1]
+        gap = motion.gap(other.body, body)[first : last + 1]
         if motion.turns_near(body, turn.time, TUNING.late) or np.nanmin(gap, initial=np.inf) < 2.0:
             return None  # a third has a part in it
     ticks = turn.time + np.linspace(-motion.tracks.step / 2, motion.tracks.step / 2, 41)

@@ -1,23 +1,19 @@
 """Positions of the objects of a clip over its frames, what is known of them, and their readers: clips and scenes of
-physgen, CSV tables, folders of masks.
+physgen, and CSV tables.
 """
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 from zipfile import BadZipFile
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, UnidentifiedImageError
 
-from physgen.files import MOST_PIXELS
 from physgen.problems import InputError, Place, Problem
 from physgen.scene.scene import Motion, Solid, View
 from physgen.text import natural
@@ -26,9 +22,6 @@ if TYPE_CHECKING:
     from physgen.compile.world import Body, World
 
 Array = NDArray[np.float64]
-Ids = NDArray[np.integer]
-
-FIX = "give a clip's folder, a scene file, a CSV of frame,name,x,y, or a folder of PNG masks"
 
 
 @dataclass(frozen=True)
@@ -38,21 +31,11 @@ class Limits:
     fps: float = 30.0
     """1/s, of tracks without a rate."""
     cells: int = 5_000_000
-    """Frames times bodies."""
-    problems: int = 20
-    """Reported of one file."""
-    ids: int = 1000
-    """In a mask: a picture with more values is a photo."""
-    least: int = 12
-    """px of area: smaller bodies have no place."""
-    whole: float = 0.965
-    """Of a body's usual area: it is hidden in part where less is seen."""
+    """Frames times bodies of a table."""
     exact: float = 0.02
-    """px: noise of the engine's poses."""
+    """px: least noise of the engine's poses."""
     table: float = 0.05
     """px: least noise of measured places."""
-    masks: float = 0.08
-    """px: least noise of centroids of some hundred pixels."""
 
 
 LIMITS = Limits()
@@ -62,24 +45,22 @@ LIMITS = Limits()
 class Outline:
     """How a body lies about its tracked place. px."""
 
-    core: float
-    """Radius of a disc about the place that it surely covers; 0: not known."""
     reach: float
     """Distance of its farthest point from the place; 0: a point."""
-    width: float = 0.0
-    """Its smallest width; 0: twice its core."""
+    thin: float
+    """Its smallest width."""
     pieces: tuple[Array, ...] = ()
-    """Convex pieces, each (K, 2) about the place, turned by its angle; none for discs and where they are not known."""
-
-    @property
-    def thin(self) -> float:
-        """px: its smallest width, as far as it is known."""
-        return self.width or 2 * self.core
+    """Convex pieces, each (K, 2) about the place, turned by its angle; none for discs and points."""
 
     @property
     def round(self) -> bool:
         """Whether it looks the same however it turns."""
-        return not self.pieces and self.core >= 0.9 * self.reach
+        return not self.pieces
+
+
+def disc(radius: float) -> Outline:
+    """Of 0: a point."""
+    return Outline(radius, 2 * radius)
 
 
 @dataclass(frozen=True)
@@ -126,36 +107,21 @@ class Tracks:
 
 
 def read(path: Path, fps: float | None = None, view: View = View.SIDE) -> Iterator[Tracks]:
-    """Every clip that a path holds; `fps` and `view` of tracks that do not say it. Raises InputError."""
-    ending = path.suffix.lower()
-    if not path.exists():
-        raise InputError.of(str(path), "", "is not there", FIX)
-    if path.is_dir():
-        yield from _folder(path, fps, view)
-    elif ending in (".yaml", ".yml"):
-        yield from_scene(path)
-    elif ending == ".csv":
-        yield from_csv(path, fps, view)
-    else:
-        raise InputError.of(str(path), f'"{ending or path.name}"', "is no kind of tracks", FIX)
-
-
-def _folder(path: Path, fps: float | None, view: View) -> Iterator[Tracks]:
+    """Every clip that a path holds; `fps` and `view` of tables. Raises InputError."""
     from physgen.batch.clips import clip_folders
 
-    pictures = [] if (path / "manifest.json").exists() else _pictures(path)
-    if (path / "scene.yaml").is_file():
-        yield from_scene(path / "scene.yaml")
-    elif pictures:
-        source = "centroids of masks" + ("" if fps else ", 30 frames a second assumed")
-        tracks = from_maps(path.resolve().name, _maps(pictures), fps or LIMITS.fps, view)
-        yield replace(tracks, source=source)
+    ending = path.suffix.lower()
+    scene = path / "scene.yaml" if path.is_dir() else path
+    if path.is_dir() and not scene.is_file():
+        yield from map(from_clip, clip_folders([path]))
+    elif ending == ".csv" and path.is_file():
+        yield from_csv(path, fps, view)
+    elif scene.is_file() and scene.suffix.lower() in (".yaml", ".yml"):
+        yield from_scene(scene)
     else:
-        try:
-            folders = clip_folders([path])
-        except InputError:
-            raise InputError.of(str(path), "", "holds no clip and no tracks", FIX) from None
-        yield from map(from_clip, folders)
+        expected = "is no kind of tracks" if path.exists() else "is not there"
+        fix = "give a clip's folder, a scene file, or a CSV of frame,name,x,y"
+        raise InputError.of(str(path), "", expected, fix)
 
 
 # ---- clips and scenes of physgen ---------------------------------------------------------------------------------
@@ -198,10 +164,8 @@ def from_clip(folder: Path) -> Tracks:
         if world is not None and tuple(body.name for body in world.bodies) == names:
             return from_world(name, world, times, poses)
     view = View(str(manifest.document.get("world", {}).get("view", "side")))
-    forms, about = (
-        (Outline(0.0, 0.0),) * len(names),
-        "poses without outlines: the scene is missing or has changed",
-    )
+    about = "poses without outlines: the scene is missing or has changed"
+    forms = (disc(0.0),) * len(names)
     return Tracks(name, times, names, poses[..., :2], poses[..., 2], forms, view, LIMITS.exact, about)
 
 
@@ -225,10 +189,10 @@ def from_world(name: str, world: World, times: Array, poses: Array) -> Tracks:
 
 def _outline(body: Body) -> Outline:
     if body.radius is not None:
-        return Outline(body.radius, body.radius)
+        return disc(body.radius)
     angles = np.linspace(0.0, np.pi, 36, endpoint=False)
     shadows = np.concatenate(body.pieces) @ np.stack([np.cos(angles), np.sin(angles)])
-    return Outline(0.0, body.reach, float(np.ptp(shadows, axis=0).min()), body.pieces)
+    return Outline(body.reach, float(np.ptp(shadows, axis=0).min()), body.pieces)
 
 
 def _held(world: World) -> frozenset[int]:
@@ -251,33 +215,33 @@ def _overspun(body: Body) -> bool:
 
 RANGES = {"frame": (0.0, 1e6), "x": (-1e6, 1e6), "y": (-1e6, 1e6), "radius": (1e-3, 1e6)}
 """Columns beside `name`, with what they may hold: frames, px."""
-NEEDED = ("frame", "x", "y")
 
 
 def from_csv(path: Path, fps: float | None, view: View) -> Tracks:
     """Raises InputError for columns that are missing and cells that are no numbers, with their lines."""
     lines = _lines(path)
-    problems: list[Problem] = []
-    rows = [_row(path, number, line, problems) for number, line in enumerate(lines, 2)]
-    if problems:
-        raise InputError(problems[: LIMITS.problems])
+    rows = [_row(path, number, line) for number, line in enumerate(lines, 2)]
     owners = [line.get("name") or "body" for line in lines]
     names = sorted(set(owners), key=natural)
-    frames = _frames(path, np.array([row["frame"] for row in rows]), len(names))
-    shape = max(frames) + 1, len(names)
-    places = np.full((*shape, 2), np.nan)
+    first = min(row["frame"] for row in rows)
+    count = int(max(row["frame"] for row in rows) - first) + 1
+    if count == 1 or count * len(names) > LIMITS.cells:
+        found, expected = f"{count:,} frames of {len(names):,} bodies", "are no motion, or too many"
+        raise InputError.of(
+            str(path), found, expected, f"give 2 frames or more, up to {LIMITS.cells:,} cells"
+        )
+    places = np.full((count, len(names), 2), np.nan)
     radii: list[list[float]] = [[] for _ in names]
-    for frame, owner, row in zip(frames, owners, rows, strict=True):
-        k = names.index(owner)
-        if isfinite(places[frame, k, 0]):
+    for owner, row in zip(owners, rows, strict=True):
+        frame, k = int(row["frame"] - first), names.index(owner)
+        if np.isfinite(places[frame, k, 0]):
             fix = "give each body a name of its own"
-            raise InputError.of(str(path), f'"{owner}"', f"is twice in frame {frame}", fix)
+            raise InputError.of(str(path), f'"{owner}"', f"is twice in frame {row['frame']:g}", fix)
         places[frame, k] = row["x"], row["y"]
-        if "radius" in row:
-            radii[k].append(row["radius"])
-    forms = tuple(_disc(np.array(own or [0.0])) for own in radii)
-    source = "a table" + ("" if fps else ", 30 frames a second assumed")
-    times = np.arange(len(places), dtype=np.float64) / (fps or LIMITS.fps)
+        radii[k] += [row["radius"]] if "radius" in row else []
+    forms = tuple(disc(float(np.median(own or [0.0]))) for own in radii)
+    source = "a table" + ("" if fps else f", {LIMITS.fps:g} frames a second assumed")
+    times = np.arange(count, dtype=np.float64) / (fps or LIMITS.fps)
     return Tracks(path.stem, times, tuple(names), places, None, forms, view, LIMITS.table, source)
 
 
@@ -291,8 +255,7 @@ def _lines(path: Path) -> list[dict[str, str]]:
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         fix = "save it as UTF-8 with commas"
         raise InputError.of(str(path), "", f"cannot be read as CSV: {error}", fix) from None
-    missing = [column for column in NEEDED if column not in heads]
-    if missing:
+    if missing := [column for column in ("frame", "x", "y") if column not in heads]:
         found, fix = f'columns "{", ".join(heads)}"', "begin with frame,name,x,y,radius"
         raise InputError.of(str(path), found, f"lack {', '.join(missing)}", fix)
     if not lines:
@@ -300,142 +263,23 @@ def _lines(path: Path) -> list[dict[str, str]]:
     return lines
 
 
-def _row(path: Path, number: int, line: dict[str, str], problems: list[Problem]) -> dict[str, float]:
-    """Numbers by column, without empty cells of columns that may be empty; problems are added."""
+def _row(path: Path, number: int, line: dict[str, str]) -> dict[str, float]:
+    """Numbers by column; a radius may be missing. Raises InputError for what is no number, or no whole frame."""
     found = {}
     for column, (low, high) in RANGES.items():
         cell = (line.get(column) or "").strip()
-        if cell or column in NEEDED:
-            try:
-                found[column] = float(cell)
-            except ValueError:
-                found[column] = np.nan
-            if not low <= found[column] <= high:
-                expected = f"is no number from {low:g} to {high:g}"
-                problems.append(
-                    Problem(Place(str(path), number, 1), column, f'"{cell[:40]}"', expected, "write s, px")
-                )
+        if not cell and column == "radius":
+            continue
+        try:
+            found[column] = float(cell)
+        except ValueError:
+            found[column] = np.nan
+        whole = column != "frame" or found[column] % 1 == 0
+        if not (low <= found[column] <= high and whole):
+            kind = "whole number" if column == "frame" else "number"
+            expected = f"is no {kind} from {low:g} to {high:g}"
+            place = Place(str(path), number, 1)
+            raise InputError(
+                [Problem(place, column, f'"{cell[:40]}"', expected, "write px, and count frames")]
+            )
     return found
-
-
-def _frames(path: Path, numbers: Array, bodies: int) -> list[int]:
-    """From 0 on. Raises InputError for numbers that are not whole, no motion, and too many frames."""
-    frames = numbers - numbers.min()
-    last = int(frames.max())
-    if (frames % 1 != 0).any():
-        raise InputError.of(str(path), "its frames", "are not whole numbers", "count frames, and give --fps")
-    if last == 0:
-        raise InputError.of(str(path), "1 frame", "is no motion", "give a row a frame and body")
-    if last * bodies > LIMITS.cells:
-        found = f"{last:,.0f} frames of {bodies:,} bodies"
-        fix = f"keep frames x bodies below {LIMITS.cells:,}"
-        raise InputError.of(str(path), found, "are too many", fix)
-    return [int(frame) for frame in frames]
-
-
-def _disc(radii: Array) -> Outline:
-    """Of the radii (n,) px of a disc in its frames."""
-    core, reach = np.quantile(radii, [0.2, 0.8]).tolist()
-    return Outline(core, reach)
-
-
-# ---- masks -------------------------------------------------------------------------------------------------------
-
-
-class Silhouette(NamedTuple):
-    """One body in one frame. px."""
-
-    frame: int
-    place: tuple[float, float]
-    area: float
-    core: float
-    reach: float
-    cut: bool
-    """Whether it reaches the border of the picture."""
-
-
-def from_maps(name: str, maps: Iterable[Ids], fps: float, view: View) -> Tracks:
-    """Centroids of the ids of each map (H, W), 0 being the background, where a body is wholly seen.
-
-    Raises InputError where all is background.
-    """
-    found: dict[int, list[Silhouette]] = {}
-    count = 0
-    for ids in maps:
-        for one in np.unique(ids[ids > 0]).tolist():
-            shape = _silhouette(count, ids == one)
-            if shape is not None:
-                found.setdefault(one, []).append(shape)
-        count += 1
-    if not found:
-        raise InputError.of(name, "", "has no tracks: all is background", "give bodies ids above 0")
-    places = np.full((count, len(found), 2), np.nan)
-    forms = []
-    for k, (_, shapes) in enumerate(sorted(found.items())):
-        usual = float(np.quantile([shape.area for shape in shapes], 0.8))
-        for shape in shapes:
-            if shape.area >= LIMITS.whole * usual and not shape.cut:
-                places[shape.frame, k] = shape.place
-        uncut = [shape for shape in shapes if not shape.cut] or [shapes[0]._replace(core=0.0, reach=0.0)]
-        core, reach = (
-            float(np.quantile([getattr(s, side) for s in uncut], 0.8)) for side in ("core", "reach")
-        )
-        radius = float(np.sqrt(usual / np.pi))
-        disc = core > 0.85 * reach
-        forms.append(Outline(radius, radius) if disc else Outline(core, reach))
-    names = tuple(f"id {one}" if one < 2**16 else f"#{one:06x}" for one in sorted(found))
-    times = np.arange(count) / fps
-    return Tracks(name, times, names, places, None, tuple(forms), view, LIMITS.masks, "masks")
-
-
-def _silhouette(frame: int, mask: NDArray[np.bool_]) -> Silhouette | None:
-    """None where too little is seen."""
-    ys, xs = np.nonzero(mask)
-    if len(xs) < LIMITS.least:
-        return None
-    x0, y0 = int(xs.min()), int(ys.min())
-    x, y = float(xs.mean()), float(ys.mean())
-    part = np.pad(mask[y0 : ys.max() + 1, x0 : xs.max() + 1], 1).astype(np.uint8)
-    inside = cv2.distanceTransform(part, cv2.DIST_L2, 5)
-    core = max(float(inside[round(y) - y0 + 1, round(x) - x0 + 1]) - 0.5, 0.0)
-    reach = float(np.hypot(xs - x, ys - y).max()) + 0.5
-    high, wide = mask.shape
-    cut = x0 == 0 or y0 == 0 or xs.max() == wide - 1 or ys.max() == high - 1
-    return Silhouette(frame, (x, y), float(len(xs)), core, reach, bool(cut))
-
-
-def _pictures(folder: Path) -> list[Path]:
-    """PNG files in the natural order of their names; `ids-*.png` alone where there are such."""
-    found = [path for path in folder.iterdir() if path.suffix.lower() == ".png" and path.is_file()]
-    own = [path for path in found if path.name.startswith("ids-")]
-    return sorted(own or found, key=lambda path: natural(path.name))
-
-
-def _maps(paths: list[Path]) -> Iterator[Ids]:
-    """Raises InputError for different sizes, and pictures that are no maps."""
-    size = None
-    for path in paths:
-        ids = _ids(path)
-        if size is not None and ids.shape != size:
-            found, fix = f"{ids.shape[1]} x {ids.shape[0]} px", "give frames of one size"
-            raise InputError.of(str(path), found, f"is not the size of {paths[0].name}", fix)
-        size = ids.shape
-        values = len(np.unique(ids))
-        if values > LIMITS.ids:
-            fix = "give maps with a number or colour a body"
-            raise InputError.of(str(path), f"{values:,} values", "are no ids: it is a photo", fix)
-        yield ids
-
-
-def _ids(path: Path) -> Ids:
-    """(H, W): grey values, or colours as one number, red first; black is the background."""
-    try:
-        with Image.open(path, formats=("PNG",)) as picture:
-            if picture.width * picture.height > MOST_PIXELS:
-                found = f"{picture.width} x {picture.height} px"
-                raise InputError.of(str(path), found, "are too many", "make it smaller")
-            if picture.mode in ("RGB", "RGBA"):
-                return np.asarray(np.asarray(picture.convert("RGB"), np.int64) @ (1 << 16, 1 << 8, 1))
-            return np.asarray(picture).astype(np.int64)
-    except (OSError, UnidentifiedImageError, SyntaxError) as error:
-        raise InputError.of(str(path), "", f"cannot be read: {error}", "save it as PNG") from None
