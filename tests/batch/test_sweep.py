@@ -67,8 +67,8 @@ def test_any_value_makes_a_name_for_a_file(told: list[tuple[str, str]], draw: in
 
 
 def test_the_page_about_sweeps_tells_the_names_that_are_given() -> None:
-    text = (Path(__file__).parents[2] / "docs" / "sweeps.md").read_text()
-    [command] = re.findall(r"^physgen sweep (.*)$", text, re.MULTILINE)
+    text = (Path(__file__).parents[2] / "docs" / "batches.md").read_text()
+    command = re.findall(r"^physgen sweep (.*)$", text, re.MULTILINE)[0]
     arguments = [part for part in shlex.split(command) if "=" in part]
     listed = re.findall(r"^  (\d\d-\d\d,\S+)/", text, re.MULTILINE)
     found = names(*arguments)
