@@ -76,7 +76,11 @@ def _curves(kind: str, scene: Scene, asked: PlotRequest, progress: Progress) -> 
     from physgen.report.figures import energy_figure, trajectory_figure
     from physgen.simulate.engine import simulate as run
 
-    _check_names(scene, asked.objects)
+    there = [item.name for item in scene.objects]
+    for name in asked.objects:
+        if name not in there:
+            fix = f"the scene has {', '.join(there)}"
+            raise InputError.of("--objects", f'"{name}"', "is no object of the scene", fix)
     maps = percepts(scene)
     world = compile(scene, maps).world
     progress("simulate", 0, 1)
@@ -129,15 +133,3 @@ def chosen(frames: int | Sequence[int], count: int) -> list[int]:
         found = f'"{beyond[0]}"'
         raise InputError.of("--frames", found, f"is not among {count} frames", f"count from 0 to {count - 1}")
     return list(frames)
-
-
-def _check_names(scene: Scene, names: Sequence[str]) -> None:
-    """Raises InputError for names that are not those of objects."""
-    there = [item.name for item in scene.objects]
-    problems = []
-    for name in names:
-        if name not in there:
-            fix = f"the scene has {', '.join(there[:12])}{', ...' * (len(there) > 12)}" if there else ""
-            problems += InputError.of("--objects", f'"{name}"', "is no object of the scene", fix).problems
-    if problems:
-        raise InputError(problems)

@@ -166,7 +166,9 @@ def refine_footage(film: Film, kept: Footage, refiners: Refiners, files: VideoFi
     before, after = ("as it was drawn", kept.rgb[changes.most]), ("refined", changes.refined)
     caption = f"The frame that changed most, at {float(trajectory.times[changes.most]):.2f} s."
     pair = compared("refined", "Refined", caption, before, after)
-    return Outcome((), RefinementStrip(pair, webp(picture, QUALITY), (picture.shape[1], picture.shape[0])))
+    return Outcome(
+        (), RefinementStrip(pair, webp(picture, QUALITY), (picture.shape[1], picture.shape[0]), changes.times)
+    )
 
 
 def _measured(name: str, frames: Iterator[U8], kept: Footage, changes: RefinementChanges) -> Iterator[U8]:

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,27 +14,11 @@ from physgen.geometry.polygon import rotation
 from physgen.render.drawing import arrow
 from physgen.render.scales import nearest_round
 from physgen.report.parameters import arrows
-from physgen.report.plot_style import (
-    DPI,
-    ENERGY,
-    LENGTH,
-    MM,
-    PALETTE,
-    RED,
-    SMALL,
-    Unit,
-    halo,
-    named_area,
-    new_figure,
-    plot_settings,
-    stroke,
-    unit,
-)
+from physgen.report.plot_style import DPI, MM, PALETTE, RED, SMALL, new_figure, plot_settings, stroke
 from physgen.scene.scene import Scene
 from physgen.simulate.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
@@ -43,47 +26,74 @@ U8 = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
-class CurveStyle:
+class FigureStyle:
     """Sizes and limits of the figures."""
 
     width: float = 120.0
-    """mm."""
+    strip_width: float = 174.0
+    """mm, where none is asked for."""
     height: float = 2.8
     """Inches: of the chart of energy."""
-    visible: float = 1e-3
-    """Of all energy: smaller layers and work are not drawn."""
     faint: float = 0.38
     """Share of the photo under the paths."""
     moves: float = 2.0
-    """px: an object that moves less has no path."""
+    """px: an object whose path is shorter has none."""
     coloured: int = 7
     """Paths with colours of their own where none are chosen: the longest. The others are grey."""
     marks: int = 8
     """Roughly, marks of time on a path."""
+    gap: float = 3.0
+    caption: float = 11.0
+    """Points: between pictures of a strip, and of the line of times."""
+    shaft: float = 1.15
+    """Points: the width of an arrow's shaft."""
 
 
-STYLE = CurveStyle()
+STYLE = FigureStyle()
+
+
+def units(scene: Scene) -> tuple[tuple[str, float], tuple[str, float]]:
+    """Of lengths and energies, with their size in scene units: SI where the scene states its scale."""
+    if "world.pixels_per_meter" not in scene.places:
+        return ("px", 1.0), ("g·px²/s²", 1.0)
+    per = scene.world.pixels_per_meter
+    return ("m", per), ("J", 1000 * per**2)
 
 
 def energy_figure(scene: Scene, world: World, trajectory: Trajectory, width: float | None = None) -> Figure:
     """Kinetic, potential and dissipated energy over time, stacked; `width` in mm.
 
-    If energy were lost or created, the top of the stack would leave the line of the initial energy plus the work done.
+    If energy were lost or created, the black line, which is their sum less the work done, would not be level.
     `trajectory` has many samples, at ends of engine steps.
     """
+    name, size = units(scene)[1]
+    times, work = trajectory.times, trajectory.energy.work / size
+    layers, expected = (values / size for values in stacked(trajectory))
+    borders = np.cumsum(layers, axis=0)
+    colours = (PALETTE.blue, PALETTE.green, PALETTE.orange)
     with plot_settings():
         figure = new_figure((width or STYLE.width) / MM, STYLE.height, dpi=DPI, layout="constrained")
-        axes, below = figure.subplots(2, 1, sharex=True, height_ratios=(14, 1))
-        _stack(named_area(axes), unit(scene, ENERGY), world, trajectory)
+        axes = figure.subplots()
+        axes.patch.set_gid("area")
+        axes.stackplot(
+            times, layers, colors=colours, alpha=0.35, labels=("kinetic", "potential", "dissipated")
+        )
+        for k, kind in enumerate(("kinetic", "potential", "dissipated")):
+            axes.plot(times, borders[k], color=colours[k], linewidth=0.7, gid=kind)
+        if work.any():
+            label = "initial energy + work done"
+            axes.plot(times, expected, "--", color=PALETTE.purple, linewidth=1.6, label=label)
+        # as on the report page: relative to the energy that flows, at least that of a fall by a pixel
+        weight = sum(body.mass for body in world.bodies) * float(np.hypot(*world.gravity))
+        label = f"sum − work, constant within {max(100 * trajectory.imbalance(weight), 0.001):.1g} %"
+        axes.plot(times, borders[-1] - work, color=PALETTE.ink, linewidth=1.3, label=label, gid="sum")
         begins = trajectory.contacts.touch_times[:, 0]
         begins = begins[begins > 0]
-        alpha = min(1.0, max(0.15, 40 / max(len(begins), 1)))
-        below.vlines(begins, 0, 1, color=PALETTE.ink, linewidth=0.5, alpha=alpha)
-        below.set(ylim=(0, 1), xlabel="time (s)")
-        below.set_yticks([0.5], ["contacts begin"], fontsize=SMALL)
-        below.tick_params(axis="y", length=0)
-        below.spines["left"].set_visible(False)
-        below.set_xlim(0, float(trajectory.times[-1]) if len(trajectory.times) > 1 else 1.0)
+        axes.plot(
+            begins, np.zeros_like(begins), "|", color=PALETTE.ink, label="contact begins", clip_on=False
+        )
+        axes.set(xlabel="time (s)", ylabel=f"energy ({name})")
+        axes.set_ylim(0, 1.06 * (float(expected.max(initial=0.0)) or 1.0))
         figure.legend(*axes.get_legend_handles_labels(), loc="outside upper left", ncols=3)
         figure.draw_without_rendering()
         return figure
@@ -99,34 +109,6 @@ def stacked(trajectory: Trajectory) -> tuple[Array, Array]:
     return layers, layers[:, 0].sum() + e.work - e.work[0]
 
 
-def _stack(axes: Axes, shown: Unit, world: World, trajectory: Trajectory) -> None:
-    times = trajectory.times
-    layers, expected = (values / shown.size for values in stacked(trajectory))
-    most = float(expected.max(initial=0.0)) or 1.0
-    borders = np.cumsum(layers, axis=0)
-    lower = np.zeros_like(times)
-    names = {"kinetic": PALETTE.blue, "potential": PALETTE.green, "dissipated": PALETTE.orange}
-    for (name, colour), layer, upper in zip(names.items(), layers, borders, strict=True):
-        if layer.max(initial=0.0) > STYLE.visible * most:
-            axes.fill_between(times, lower, upper, color=colour, alpha=0.35, linewidth=0, label=name)
-            axes.plot(times, upper, color=colour, linewidth=0.7, gid=name)
-        lower = upper
-    work = trajectory.energy.work / shown.size
-    worked = bool(np.abs(work).max(initial=0.0) > STYLE.visible * most)
-    if worked:
-        label = "initial energy + work done"
-        axes.plot(times, expected, color=PALETTE.purple, linewidth=1.6, dashes=(3, 2), zorder=4, label=label)
-    # as on the report page: relative to the energy that flows, at least that of a fall by a pixel
-    weight = sum(body.mass for body in world.bodies) * float(np.hypot(*world.gravity))
-    percent = max(100 * trajectory.imbalance(weight), 0.001)
-    label = f"{'sum − work' if worked else 'sum'}, constant within {percent:.1g} %"
-    axes.plot(times, borders[-1] - work, color=PALETTE.ink, linewidth=1.3, label=label, gid="sum")
-    axes.set_ylim(0, 1.06 * most)
-    axes.tick_params(labelbottom=False)
-    axes.locator_params(axis="y", nbins=5)
-    shown.label(axes.yaxis, "energy")
-
-
 def trajectory_figure(
     scene: Scene,
     world: World,
@@ -135,16 +117,39 @@ def trajectory_figure(
     objects: Sequence[str] = (),
     width: float | None = None,
 ) -> Figure:
-    """Paths of objects, named ones or all; `photo` (H, W, 3) sRGB lies faintly below them; `width` in mm."""
-    lines = _lines(world, trajectory, objects)
-    across = (width or STYLE.width) / MM
-    high = 0.85 * across * min(world.size[1] / world.size[0], 1.4)
+    """Paths of objects and their final outlines, named ones or all; `photo` (H, W, 3) sRGB lies faintly below them.
+
+    `width` in mm.
+    """
+    (unit, size), across = units(scene)[0], (width or STYLE.width) / MM
+    wide, tall = world.size
+    extent = (-0.5 / size, (wide - 0.5) / size, (tall - 0.5) / size, -0.5 / size)
+    duration = float(trajectory.times[-1]) if len(trajectory.times) else 0.0
+    every = nearest_round(duration / STYLE.marks) if duration > 0 else 1.0
+    marks = np.arange(0, duration + 1e-9, every)
     with plot_settings():
-        figure = new_figure(across, high + 0.5, dpi=DPI, layout="constrained")
-        axes = named_area(figure.subplots())
-        every = _map(axes, unit(scene, LENGTH), world, trajectory, photo, lines)
-        if lines:
-            handles, labels = axes.get_legend_handles_labels()
+        figure = new_figure(
+            across, 0.85 * across * min(tall / wide, 1.4) + 0.5, dpi=DPI, layout="constrained"
+        )
+        axes = figure.subplots()
+        axes.patch.set_gid("area")
+        if photo is not None:
+            axes.imshow(photo, extent=extent, alpha=STYLE.faint, zorder=0)
+        for wall in world.walls:
+            for chain in wall.chains:
+                axes.plot(*(chain / size).T, color=PALETTE.soft, linewidth=0.8, zorder=1)
+        for body, line in _lines(trajectory, objects):
+            path, name = trajectory.poses[:, body, :2] / size, trajectory.names[body]
+            axes.plot(*path.T, gid=f"path-{name}", zorder=3, **line)
+            x, y = (np.interp(marks, trajectory.times, column) for column in path.T)
+            axes.plot(x, y, "o", color=line["color"], markersize=2, zorder=4)
+            x, y, angle = trajectory.poses[-1, body]
+            for ring in world.bodies[body].rings:
+                closed = np.concatenate([ring, ring[:1]]) @ rotation(float(angle)).T + (x, y)
+                axes.plot(*(closed / size).T, color=line["color"], linewidth=0.6, zorder=2)
+        axes.set(xlim=extent[:2], ylim=extent[2:], aspect="equal", xlabel=f"x ({unit})", ylabel=f"y ({unit})")
+        handles, labels = axes.get_legend_handles_labels()
+        if labels:
             title = f"a dot every {every:g} s"
             figure.legend(
                 handles, labels, loc="outside lower center", ncols=4, title=title, title_fontsize=SMALL
@@ -153,84 +158,23 @@ def trajectory_figure(
         return figure
 
 
-Lines = Sequence[tuple[int, dict[str, Any]]]
-"""Objects that have a path, and how their lines are drawn."""
-
-
-def _lines(world: World, trajectory: Trajectory, objects: Sequence[str]) -> Lines:
-    """`objects` by name; else all that move, the longest paths in colours."""
-    if not len(trajectory.times):
-        return []
-    x, y, angle = np.ptp(trajectory.poses, axis=0).T
-    moved = np.hypot(x, y) + angle * [0.0 if body.radius else body.reach for body in world.bodies]
-    moving = np.flatnonzero(moved > STYLE.moves).tolist()
+def _lines(trajectory: Trajectory, objects: Sequence[str]) -> list[tuple[int, dict[str, Any]]]:
+    """Objects that have a path, `objects` by name or else all that move, and how their lines are drawn."""
     steps = np.diff(trajectory.poses[..., :2], axis=0)
     length = np.hypot(steps[..., 0], steps[..., 1]).sum(axis=0)
     if objects:
         moving = coloured = [trajectory.names.index(name) for name in objects]
     else:
-        longest = sorted(moving, key=lambda body: -length[body])
-        coloured = sorted(longest if len(moving) <= STYLE.coloured + 1 else longest[: STYLE.coloured])
+        moving = np.flatnonzero(length > STYLE.moves).tolist()
+        coloured = sorted(sorted(moving, key=lambda body: -length[body])[: STYLE.coloured])
     found: list[tuple[int, dict[str, Any]]] = []
-    rim = halo(2.2)
     for body in moving:
+        line: dict[str, Any] = {"color": PALETTE.soft, "linewidth": 0.5}
         if body in coloured:
             colour, dashes = stroke(coloured.index(body))
-            found.append((body, {"color": colour, "linestyle": dashes, "zorder": 3, "path_effects": rim}))
-        else:
-            found.append((body, {"color": PALETTE.soft, "linewidth": 0.5, "zorder": 2.5}))
+            line = {"color": colour, "linestyle": dashes, "label": trajectory.names[body]}
+        found.append((body, line))
     return found
-
-
-def _map(
-    axes: Axes, shown: Unit, world: World, trajectory: Trajectory, photo: U8 | None, lines: Lines
-) -> float:
-    """Paths, and the final outlines; returns the time between two marks, s."""
-    size, (wide, tall) = shown.size, world.size
-    extent = (-0.5 / size, (wide - 0.5) / size, (tall - 0.5) / size, -0.5 / size)
-    if photo is not None:
-        axes.imshow(photo, extent=extent, alpha=STYLE.faint, zorder=0)
-    for wall in world.walls:
-        for chain in wall.chains:
-            axes.plot(*(chain / size).T, color=PALETTE.soft, linewidth=0.8, zorder=1)
-    duration = float(trajectory.times[-1]) if len(trajectory.times) else 0.0
-    every = nearest_round(duration / STYLE.marks) if duration > 0 else 1.0
-    marks = np.arange(0, duration + 1e-9, every)
-    for body, how in lines:
-        path, name = trajectory.poses[:, body, :2] / size, trajectory.names[body]
-        coloured = how["zorder"] == 3
-        axes.plot(*path.T, label=name if coloured else None, gid=f"path-{name}", **how)
-        x, y, angle = trajectory.poses[-1, body]
-        for ring in world.bodies[body].rings:
-            closed = np.concatenate([ring, ring[:1]]) @ rotation(float(angle)).T + (x, y)
-            axes.plot(*(closed / size).T, color=how["color"], linewidth=0.6, zorder=2)
-        if coloured:
-            x, y = (np.interp(marks, trajectory.times, column) for column in path.T)
-            axes.scatter(x, y, s=6, color=how["color"], edgecolors=PALETTE.paper, linewidths=0.35, zorder=4)
-    axes.set(xlim=extent[:2], ylim=extent[2:], aspect="equal")
-    axes.locator_params(nbins=6)
-    shown.label(axes.xaxis, "x")
-    shown.label(axes.yaxis, "y")
-    return every
-
-
-# ---- strips ------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class StripLayout:
-    """Sizes of a strip."""
-
-    width: float = 174.0
-    """mm."""
-    gap: float = 3.0
-    caption: float = 11.0
-    """Points: between pictures, and of the line of times."""
-    shaft: float = 1.15
-    """Points: the width of an arrow's shaft."""
-
-
-LAYOUT = StripLayout()
 
 
 @dataclass(frozen=True)
@@ -246,22 +190,13 @@ class StripRow:
     frames: Sequence[tuple[float, U8]]
     """s, and (H, W, 3) sRGB."""
 
-    @property
-    def pictures(self) -> list[tuple[str, U8]]:
-        """All of them, with what stands above."""
-        return [("input", self.photo), *((f"{time:.2f} s", rgb) for time, rgb in self.frames)]
-
 
 def strip_figure(rows: Sequence[StripRow], width: float | None = None) -> Figure:
-    """`width` in mm. Frames keep their pixels, those of larger ones are resampled to the width of the smallest.
-
-    The figure's own dpi is such that a pixel of it is one of a frame.
-    """
-    cell = min(row.photo.shape[1] for row in rows)
-    count = max(len(row.pictures) for row in rows)
-    inches = (width or LAYOUT.width) / MM
-    dpi = count * cell / max(inches - (count - 1) * LAYOUT.gap / 72, 0.2 * inches)
-    gap, caption = (round(points * dpi / 72) for points in (LAYOUT.gap, LAYOUT.caption))
+    """`width` in mm. The figure's own dpi is such that a pixel of it is one of the first scene's frames."""
+    cell, count = rows[0].photo.shape[1], 1 + max(len(row.frames) for row in rows)
+    inches = (width or STYLE.strip_width) / MM
+    dpi = count * cell / max(inches - (count - 1) * STYLE.gap / 72, 0.2 * inches)
+    gap, caption = (round(points * dpi / 72) for points in (STYLE.gap, STYLE.caption))
     tall = [max(1, round(cell * row.photo.shape[0] / row.photo.shape[1])) for row in rows]
     wide, high = count * (cell + gap) - gap, sum(tall) + len(rows) * caption
     with plot_settings():
@@ -270,32 +205,27 @@ def strip_figure(rows: Sequence[StripRow], width: float | None = None) -> Figure
         top = 0
         for row, height in zip(rows, tall, strict=True):
             top += caption
-            for k, (text, rgb) in enumerate(row.pictures):
+            pictures = [("input", row.photo), *((f"{time:.2f} s", rgb) for time, rgb in row.frames)]
+            for k, (text, rgb) in enumerate(pictures):
                 box = (k * (cell + gap) / wide, 1 - (top + height) / high, cell / wide, height / high)
                 axes = figure.add_axes(box, frameon=False)
                 axes.set_axis_off()
-                axes.imshow(_sized(rgb, cell, height), aspect="auto", interpolation="none")
+                axes.imshow(rgb, aspect="auto", interpolation="none")
                 axes.set_title(text, fontsize=SMALL, pad=2)
                 if k == 0:
-                    _draw_arrows(axes, row, cell / rgb.shape[1], LAYOUT.shaft * dpi / 72)
+                    for patch in _arrows(row, STYLE.shaft * dpi / 72 * rgb.shape[1] / cell):
+                        axes.add_patch(patch)
             top += height
         return figure
 
 
-def _draw_arrows(axes: Axes, row: StripRow, zoom: float, shaft: float) -> None:
-    """Velocities filled, pushes hollow; `zoom`: px of the figure by px of the frame; `shaft`: its width, px."""
+def _arrows(row: StripRow, shaft: float) -> list[Any]:
+    """Patches: velocities filled, pushes hollow; `shaft`: px of the frame."""
     from matplotlib.patches import Polygon
 
+    found = []
     for kind, tail, tip, _ in arrows(row.world):
-        at, to = ((row.lens @ [*point, 1.0] + 0.5) * zoom - 0.5 for point in (tail, tip))
+        outline = arrow(row.lens @ [*tail, 1.0], row.lens @ [*tip, 1.0], shaft)
         face, line = (RED, 0.0) if kind == "velocity" else (PALETTE.paper, 0.9)
-        outline = arrow(at, to, shaft)
-        rim = halo(line + 1.4)
-        axes.add_patch(Polygon(outline, facecolor=face, edgecolor=RED, linewidth=line, path_effects=rim))
-
-
-def _sized(rgb: U8, width: int, height: int) -> U8:
-    """(height, width, 3); the very same where that is its size."""
-    if rgb.shape[:2] == (height, width):
-        return rgb
-    return np.asarray(cv2.resize(rgb, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+        found.append(Polygon(outline, facecolor=face, edgecolor=RED, linewidth=line))
+    return found

@@ -1,4 +1,4 @@
-"""The shared look of all figures: colours, type, units of axes, and saving with reproducible bytes.
+"""The shared look of all figures: colours, type, and saving with reproducible bytes.
 
 Text is 6 to 7.5 points, as journals ask; lines are thin.
 """
@@ -15,11 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 from physgen.files import write_atomic
 from physgen.problems import InputError
-from physgen.scene.scene import Scene
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
 MM = 25.4
@@ -72,13 +70,6 @@ def stroke(k: int, palette: Palette = PALETTE) -> tuple[str, Any]:
     return palette.lines[k % count], DASHES[k // count % len(DASHES)]
 
 
-def halo(width: float) -> list[Any]:
-    """A white rim around lines, `width` points in all."""
-    from matplotlib import patheffects
-
-    return [patheffects.Stroke(linewidth=width, foreground=PALETTE.paper), patheffects.Normal()]
-
-
 @contextmanager
 def plot_settings() -> Iterator[None]:
     """Matplotlib with our settings, and none of the user's, for a while."""
@@ -89,34 +80,24 @@ def plot_settings() -> Iterator[None]:
     settings: dict[str, Any] = {
         "font.family": [name for name in FONTS if name in installed],
         "font.size": TEXT,
-        "legend.fontsize": SMALL,
-        "legend.frameon": False,
-        "text.parse_math": False,  # a scene may be called $x$
-        "text.color": PALETTE.ink,
         "axes.titlesize": TEXT,
         "axes.labelsize": TEXT,
-        "axes.labelcolor": PALETTE.ink,
-        "axes.edgecolor": PALETTE.soft,
+        "legend.fontsize": SMALL,
+        "legend.frameon": False,
+        "xtick.labelsize": SMALL,
+        "ytick.labelsize": SMALL,
+        "text.parse_math": False,  # a scene may be called $x$
         "axes.facecolor": "none",
         "axes.spines.top": False,
         "axes.spines.right": False,
         "axes.linewidth": 0.6,
-        "axes.formatter.useoffset": False,
-        "axes.formatter.limits": (-4, 5),
         "axes.xmargin": 0.0,
         "lines.linewidth": 1.1,
-        "lines.dash_capstyle": "butt",
-        "patch.linewidth": 0.6,
         "pdf.fonttype": 42,  # TrueType, embedded: editors and publishers can work with it
-        "svg.fonttype": "path",
         "svg.hashsalt": "physgen",  # ids inside an SVG are random otherwise
         "path.simplify": False,
         "image.composite_image": False,
-        "image.resample": False,
     }
-    for axis in ("xtick", "ytick"):
-        settings |= {f"{axis}.labelsize": SMALL, f"{axis}.labelcolor": PALETTE.ink}
-        settings |= {f"{axis}.color": PALETTE.soft, f"{axis}.major.width": 0.6, f"{axis}.major.size": 2.6}
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(settings)
@@ -133,13 +114,7 @@ def new_figure(width: float, height: float, **options: Any) -> Figure:
 def add_axes(figure: Figure, left: float, bottom: float, width: float, height: float) -> Axes:
     """Axes at a place in inches from the lower left."""
     across, up = figure.get_size_inches()
-    return named_area(figure.add_axes((left / across, bottom / up, width / across, height / up)))
-
-
-def named_area(axes: Axes) -> Axes:
-    """The axes, whose area has the id `area`, so that programs find it in an SVG."""
-    axes.patch.set_gid("area")
-    return axes
+    return figure.add_axes((left / across, bottom / up, width / across, height / up))
 
 
 def check_name(path: Path) -> None:
@@ -166,45 +141,3 @@ def figure_bytes(figure: Figure, kind: str, title: str) -> bytes:
         warnings.filterwarnings("ignore", "Glyph .* missing")  # a box is drawn instead
         figure.savefig(buffer, format=kind, dpi=figure.dpi, metadata=about[kind])
     return buffer.getvalue()
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """What an axis shows."""
-
-    own: str
-    """Its unit in scenes."""
-    si: str
-    grams: int
-    """Powers in it, of mass and of length."""
-    pixels: int
-
-
-LENGTH = Quantity("px", "m", 0, 1)
-ENERGY = Quantity("g·px²/s²", "J", 1, 2)
-
-
-@dataclass(frozen=True)
-class Unit:
-    """The unit of an axis."""
-
-    name: str
-    size: float
-    """In scene units."""
-    si: bool
-
-    def label(self, axis: Axis, what: str) -> None:
-        """Label an axis whose values are in this unit; SI units get prefixes at the ticks."""
-        from matplotlib.ticker import EngFormatter
-
-        axis.set_label_text(what if self.si else f"{what} ({self.name})")
-        if self.si:
-            axis.set_major_formatter(EngFormatter(self.name))
-
-
-def unit(scene: Scene, of: Quantity) -> Unit:
-    """SI where the scene states its scale, else px, g and s."""
-    if "world.pixels_per_meter" not in scene.places:
-        return Unit(of.own, 1.0, si=False)
-    per = 1000.0**of.grams * scene.world.pixels_per_meter**of.pixels
-    return Unit(of.si, float(per), si=True)

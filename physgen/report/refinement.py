@@ -13,8 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.photometry import decode, encode_u8
-from physgen.render.drawing import Colour, Layer
+from physgen.report.html import fitted
 from physgen.report.perception import Comparison
 from physgen.report.record import REFINING
 
@@ -26,35 +25,10 @@ NEAR = 0.05
 PLACES = ("objects", "near", "elsewhere")
 
 
-@dataclass(frozen=True)
-class StripStyle:
-    """Measures and layout of the picture of changes."""
-
-    columns: int = 6
-    """Moments of the strip."""
-    panel: tuple[int, int] = 240, 300
-    """px: largest width and height of a panel."""
-    cell: int = 72
-    """px: smallest width of a column, which leaves room for its time."""
-    robust: float = 99.8
-    """Percentile of a panel's changes that full colour is for: a few odd pixels do not pale the rest."""
-    scales: tuple[int, int, int, int, int, int, int, int] = (1, 2, 5, 10, 20, 50, 100, 255)
-    """Grey levels that full colour may stand for."""
-
-
-STRIP = StripStyle()
-
-MARGIN, GAP, LETTER, LINE = 90, 8, 18, 30
-"""px: column of names, space between panels, letters, and a line of them."""
-ROWS = ("guidance", "refined", "change")
-PAPER: Colour = (255, 255, 255)
-WORDS: Colour = (32, 34, 40)
-WARM: Colour = (178, 24, 43)
-COOL: Colour = (33, 102, 172)
-PALE = 176, 236
-"""Grey levels of black and white under the colours of change."""
-LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
-"""ITU-R BT.709, of sRGB codes."""
+COLUMNS, PANEL, GAP = 6, 300, 8
+"""Moments of the strip of frames, and px: the longer side of each at most, and white between them."""
+GAIN = 4
+"""Times the changes that the strip shows, about a middle grey."""
 HANDLED_KEYS = frozenset(
     (
         "backend",
@@ -72,28 +46,16 @@ HANDLED_KEYS = frozenset(
 """Keys of `RunRecord.refine` that have sentences of their own, or are shown elsewhere."""
 
 
-@dataclass(frozen=True)
-class Column:
-    """One moment, in the size of a panel."""
-
-    time: float
-    """s of playing."""
-    guidance: U8
-    """(h, w, 3) sRGB."""
-    refined: U8
-    """(h, w, 3) sRGB."""
-    change: F32
-    """(h, w) grey levels of luma by which the refined frame is brighter."""
-
-
 class RefinementChanges:
     """Measures of frames as they come."""
 
     def __init__(self, count: int, fps: float) -> None:
         """`count` frames of the clip, at `fps` 1/s."""
         self._fps = fps
-        self._shown = set(np.linspace(0, count - 1, min(STRIP.columns, count)).round().astype(int).tolist())
-        self.columns: list[Column] = []
+        self._shown = set(np.linspace(0, count - 1, min(COLUMNS, count)).round().astype(int).tolist())
+        self.times: list[float] = []
+        """s of playing: of the strip's columns."""
+        self._columns: list[U8] = []
         self.most = 0
         """The frame that changed most."""
         self.refined: U8 = np.zeros((0, 0, 3), np.uint8)
@@ -114,7 +76,9 @@ class RefinementChanges:
         if self._seen == 0:
             self._first = mean
         if self._seen in self._shown:
-            self.columns.append(_column(self._seen / self._fps, guidance, refined, difference))
+            self.times.append(self._seen / self._fps)
+            shown = np.clip(128 + GAIN * difference, 0, 255).astype(np.uint8)
+            self._columns.append(np.vstack([_framed(rgb) for rgb in (guidance, refined, shown)]))
         if mean > self._largest:
             self._largest, self.most, self.refined = mean, self._seen, refined.copy()
         self._seen += 1
@@ -139,26 +103,13 @@ class RefinementChanges:
         return {name: None if value is None else round(value, 4) for name, value in found.items()}
 
     def picture(self) -> U8:
-        """(H, W, 3) sRGB: the strip; rows are guidance, refined and change, columns are moments."""
-        levels = full_scale(self.columns)
-        height, width = self.columns[0].change.shape
-        cell = max(width, STRIP.cell)
-        size = (MARGIN + len(self.columns) * (cell + GAP), 2 * LINE + len(ROWS) * (height + GAP) + GAP)
-        size = (max(size[0], 4 * MARGIN), size[1])
-        page = np.full((size[1], size[0], 3), PAPER[0], np.uint8)
-        words = Layer(size, 0.0)
-        for j, name in enumerate(ROWS):
-            words.words(name, (MARGIN / 2, LINE + j * (height + GAP) + height / 2), LETTER)
-        for k, one in enumerate(self.columns):
-            x = MARGIN + k * (cell + GAP)
-            words.words(f"{one.time:.2f} s", (x + cell / 2, LINE / 2), LETTER)
-            for j, picture in enumerate((one.guidance, one.refined, change_picture(one, levels))):
-                y, left = LINE + j * (height + GAP), x + (cell - width) // 2
-                page[y : y + height, left : left + width] = picture
-        key = f"red: brighter, blue: darker, by {levels} of 255" if levels else "no change at all"
-        words.words(key, (size[0] / 2, size[1] - LINE / 2), LETTER)
-        words.onto(page, WORDS)
-        return page
+        """(H, W, 3) sRGB: the strip; rows are guidance, refined and `GAIN` times the change, columns are moments."""
+        return np.hstack(self._columns)
+
+
+def _framed(rgb: U8) -> U8:
+    """A frame of the strip."""
+    return np.pad(fitted(rgb, PANEL), ((0, GAP), (0, GAP), (0, 0)), constant_values=255)
 
 
 def _shares(coverage: F32, near: float) -> tuple[F32, F32, F32]:
@@ -171,43 +122,6 @@ def _shares(coverage: F32, near: float) -> tuple[F32, F32, F32]:
     return coverage, np.where(away <= near, rest, np.float32(0)), np.where(away > near, rest, np.float32(0))
 
 
-def panel(size: tuple[int, int]) -> tuple[int, int]:
-    """Width and height of a panel for frames of this size, px.
-
-    >>> panel((1920, 1080)), panel((1080, 1920))
-    ((240, 135), (169, 300))
-    """
-    scale = min(STRIP.panel[0] / size[0], STRIP.panel[1] / size[1])
-    return max(1, round(size[0] * scale)), max(1, round(size[1] * scale))
-
-
-def _column(time: float, guidance: U8, refined: U8, difference: NDArray[np.int16]) -> Column:
-    """Resized in linear light."""
-    size = panel((guidance.shape[1], guidance.shape[0]))
-    how = cv2.INTER_AREA if size[0] < guidance.shape[1] else cv2.INTER_LINEAR
-    luma = difference.astype(np.float32) @ LUMA
-    small = [
-        cv2.resize(picture, size, interpolation=how) for picture in (decode(guidance), decode(refined), luma)
-    ]
-    return Column(time, encode_u8(small[0]), encode_u8(small[1]), np.asarray(small[2], np.float32))
-
-
-def full_scale(columns: Sequence[Column]) -> int:
-    """Grey levels that full colour stands for; 0 where nothing changed."""
-    if not any(one.change.any() for one in columns):
-        return 0
-    most = max(float(np.percentile(np.abs(one.change), STRIP.robust)) for one in columns)
-    return next((scale for scale in STRIP.scales if most < scale + 0.5), STRIP.scales[-1])
-
-
-def change_picture(one: Column, levels: int) -> U8:
-    """(h, w, 3) sRGB: the guidance in pale grey, warm where the refined frame is brighter and cool where darker."""
-    grey = (PALE[0] + (PALE[1] - PALE[0]) * (one.guidance @ LUMA) / 255)[..., None]
-    share = np.minimum(np.abs(one.change) / max(levels, 1), 1)[..., None]
-    colour = np.where(one.change[..., None] > 0, np.array(WARM, np.float32), np.array(COOL, np.float32))
-    return np.asarray(np.rint(grey * (1 - share) + colour * share), np.uint8)
-
-
 @dataclass(frozen=True)
 class RefinementStrip:
     """A refinement on a page."""
@@ -218,6 +132,8 @@ class RefinementStrip:
     """`RefinementChanges.picture` as a data URI."""
     size: tuple[int, int]
     """Its width and height, px."""
+    times: Sequence[float]
+    """s: of its columns."""
 
 
 def refinement(note: Mapping[str, Any] | None) -> dict[str, Any] | None:

@@ -16,7 +16,7 @@ from PIL import Image
 
 from physgen import pipeline
 from physgen.cli.main import main
-from physgen.report.plot_style import ENERGY, Unit, unit
+from physgen.report.figures import units
 
 SVG = "{http://www.w3.org/2000/svg}"
 SPEED, RISE, GRAVITY = 150.0, -180.0, 400.0
@@ -206,5 +206,5 @@ def test_only_plots_need_matplotlib() -> None:
 
 def test_units_are_those_of_textbooks(tmp_path: Path) -> None:
     with_scale, without = (pipeline.load(scene(tmp_path, text)) for text in (DROP, THROW))
-    assert unit(with_scale, ENERGY) == Unit("J", 1000 * 200**2, si=True)
-    assert unit(without, ENERGY) == Unit("g·px²/s²", 1.0, si=False)
+    assert units(with_scale) == (("m", 200), ("J", 1000 * 200**2))
+    assert units(without) == (("px", 1), ("g·px²/s²", 1))

@@ -57,7 +57,7 @@ def test_the_page_shows_what_refinement_did(tmp_path: Path) -> None:
         before, after = (np.full((20, 40, 3), code, np.uint8) for code in (100 + k, 100 + 3 * k))
         changes.add(before, after, coverage)
     pair = compared("refined", "Refined", "", ("before", before), ("after", after))
-    shown = RefinementStrip(pair, webp(changes.picture(), 80), (720, 300))
+    shown = RefinementStrip(pair, webp(changes.picture(), 80), (720, 300), changes.times)
     page = page_of(tmp_path, {**NOTE, "changes": changes.figures()}, shown=shown)
     start = page.index('<section id="refinement"')
     section = page[start : page.index("</section>", start)]
