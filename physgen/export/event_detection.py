@@ -12,14 +12,13 @@ from functools import partial
 from math import ceil, pi, radians
 
 import numpy as np
-from cv2 import convexHull
 from numpy.typing import NDArray
 
 from physgen.compile.world import Body, World
 from physgen.geometry.polygon import rotation
 from physgen.render.camera import Shot
 from physgen.render.contacts import Impact, find_impacts
-from physgen.scene.scene import FieldKind, Load, Motion, Point, Solid, View
+from physgen.scene.scene import Load, Motion, Point, Solid, View
 from physgen.simulate.engine import simulate
 from physgen.simulate.trajectory import (
     REST_SPEED,
@@ -251,17 +250,14 @@ def _falls(world: World, seen: Trajectory, k: int, time: float) -> bool:
     if world.view is not View.SIDE or not world.gravity.any() or world.bodies[k].motion is not Motion.DYNAMIC:
         return False
     held = any(k in (joint.first, joint.second) for joint in world.joints)
-    in_field = any(k in field.bodies for field in world.fields if field.kind in FieldKind)
+    blown = any(k in field.bodies for field in world.fields)
+    soon, late = time + LIMITS.loose, time - LIMITS.loose
+    pushes = (p for p in world.pushes if p.body == k and p.start <= soon)
+    pushed = any(p.end > time or p.start >= late for p in pushes)
     begin, end = seen.contacts.touch_times.T
     own = (seen.contacts.touch_pairs == k).any(axis=1)
     touched = (own & (begin <= time + LIMITS.loose) & (end > time + LIMITS.loose)).any()
-    pushed = any(
-        push.body == k
-        and push.start <= time + LIMITS.loose
-        and (push.end > time or (push.load is Load.IMPULSE and push.start >= time - LIMITS.loose))
-        for push in world.pushes
-    )
-    return not (held or in_field or touched or pushed)
+    return not (held or blown or pushed or touched)
 
 
 def _borders(world: World, seen: Trajectory, shot: Shot) -> Iterator[Event]:
@@ -290,7 +286,6 @@ def _outside(body: Body, poses: Array, lenses: Array, size: tuple[int, int]) -> 
         low, high = poses[:, :2] - body.radius, poses[:, :2] + body.radius
     else:
         rim = np.concatenate(body.rings)
-        rim = rim[convexHull(rim.astype(np.float32), returnPoints=False).ravel()]
         c, s = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
         turned = np.stack([c * rim[:, 0] - s * rim[:, 1], s * rim[:, 0] + c * rim[:, 1]], axis=1)
         low, high = poses[:, :2] + turned.min(axis=2), poses[:, :2] + turned.max(axis=2)

@@ -14,50 +14,30 @@ import numpy as np
 
 from physgen.export.event_detection import Event, EventKind, events
 from physgen.export.labels import Clip, Writer, write_json
-from physgen.scene.scene import Play, Point, View
+from physgen.scene.scene import Play, Point
 from physgen.simulate.trajectory import REST_SPEED
 
-
-@dataclass(frozen=True)
-class CaptionStyle:
-    """What sentences and captions mention."""
-
-    at_start: float = 0.01
-    """s of the clip: an earlier event happens at the start."""
-    longest_noun: int = 40
-    """Characters: an object with a longer label is called by its name."""
-    same_speed: float = 0.02
-    """Of the speed: a smaller difference between clip and motion is not mentioned."""
-    most: int = 3
-    """Objects of one kind of event that get a sentence each in the caption."""
-
-
-STYLE = CaptionStyle()
+AT_START = 0.01
+"""s of the clip: an earlier event happens at the start."""
+LONGEST_NOUN = 40
+"""Characters: an object with a longer label is called by its name."""
+MOST = 3
+"""Objects of one kind of event that get a sentence each in the caption."""
+SAME_PACE = 0.02
+"""Of the speed: a smaller difference between clip and motion is not mentioned."""
 
 COMPASS = (
     *("to the right", "down and to the right", "down", "down and to the left"),
     *("to the left", "up and to the left", "up", "up and to the right"),
 )
 """Of image axes, from +x on towards +y."""
-BORDERS = {
-    EventKind.LEAVE: {
-        "left": "on the left",
-        "right": "on the right",
-        "top": "at the top",
-        "bottom": "at the bottom",
-    },
-    EventKind.ENTER: {
-        "left": "from the left",
-        "right": "from the right",
-        "top": "from above",
-        "bottom": "from below",
-    },
-}
+BORDERS = {"left": "on the left", "right": "on the right", "top": "at the top", "bottom": "at the bottom"}
 VERBS = {
-    EventKind.MOVING: ("moves", "move when the clip starts"),
-    EventKind.PUSH: ("is", "are pushed"),
+    EventKind.MOVING: ("moves", "move"),
+    EventKind.PUSH: ("is pushed", "are pushed"),
     EventKind.MOVE: ("starts to move", "start to move"),
     EventKind.FALL: ("starts to fall", "start to fall"),
+    EventKind.COLLISION: ("hits", "hit"),
     EventKind.TIP: ("tips over", "tip over"),
     EventKind.LEAVE: ("leaves the picture", "leave the picture"),
     EventKind.ENTER: ("comes into the picture", "come into the picture"),
@@ -138,7 +118,7 @@ def noun(label: str, name: str) -> str:
     ('red ball', 'glass marble', 'egg')
     """
     text = re.sub(r"^(?:the|an?)\s+(?=\S)", "", label.split(",")[0].strip(), flags=re.IGNORECASE)
-    if text and len(text) <= STYLE.longest_noun and all(c.isalnum() or c in " '-" for c in text):
+    if text and len(text) <= LONGEST_NOUN and all(c.isalnum() or c in " '-" for c in text):
         return text
     return re.sub(r"[\s_-]*\d+$", "", name).replace("_", " ").replace("-", " ") or name
 
@@ -153,78 +133,68 @@ class Sentences:
         count = Counter(nouns)
         # objects of one label are called by their names
         self._the = [f"the {n}" if count[n] == 1 else name for n, name in zip(nouns, names, strict=True)]
-        self._world, self._pace = clip.world, ClipTimes(clip).pace
+        self._pace = ClipTimes(clip).pace
 
     def of(self, event: Event) -> str:
         """In the present tense, with a full stop."""
         one, *others = [self._the[k] for k in event.surfaces]
-        shown = event.time * self._pace
-        when = "at the start" if shown < STYLE.at_start else f"after {seconds(shown)}"
-        text = f"{one} {VERBS[event.kind][0]} {when}" if event.kind in VERBS else ""
-        if event.kind is EventKind.COLLISION:
-            text = f"{one} hits {others[0]} {when}"
-            if (
-                event.closing or 0.0
-            ) < REST_SPEED:  # the impulse passes through a contact that was there already
-                text = f"{one} and {others[0]} touch, and jolt each other {when}"
-        elif event.kind is EventKind.PUSH:
-            turned = "turned clockwise" if event.torque > 0 else "turned counterclockwise"
-            text = f"{one} is {f'pushed {self._towards(event.vector)}' if event.vector else turned} {when}"
-            if event.until is not None:
-                text += f", for {seconds((event.until - event.time) * self._pace)}"
-        elif event.kind in BORDERS:
-            text = f"{one} {VERBS[event.kind][0]} {BORDERS[event.kind][event.side]} {when}"
-        elif event.kind is EventKind.MOVING and event.vector is not None:
-            turns = max(map(abs, event.vector)) < REST_SPEED
-            text = (
-                f"{one} {'turns' if turns else f'moves {self._towards(event.vector)}'} when the clip starts"
-            )
+        shown, verb = event.time * self._pace, VERBS[event.kind][0]
+        if _is_jolt(event):
+            verb = "jolts"
+        elif event.kind is EventKind.PUSH and event.vector is None:
+            verb = "is turned"
+        words = [one, verb, *others]
+        if (
+            event.kind in (EventKind.MOVING, EventKind.PUSH)
+            and event.vector is not None
+            and any(event.vector)
+        ):
+            x, y = event.vector
+            words.append(COMPASS[round(atan2(y, x) / (pi / 4)) % 8])
+        if event.kind in (EventKind.LEAVE, EventKind.ENTER):
+            words.append(BORDERS[event.side])
+        words.append("at the start" if shown < AT_START else f"after {seconds(shown)}")
+        text = " ".join(words)
         return f"{text[:1].upper()}{text[1:]}."
 
-    def _towards(self, vector: Point) -> str:
-        """`to the right`, `up and to the left`."""
-        words = COMPASS[round(atan2(vector[1], vector[0]) / (pi / 4)) % 8]
-        if self._world.view is View.SIDE:
-            return words
-        return words.replace("up", "up the picture").replace("down", "down the picture")
+
+def _is_jolt(event: Event) -> bool:
+    """Whether the impulse of a collision passes through a contact that was there already."""
+    return event.closing is not None and event.closing < REST_SPEED
 
 
 def caption(clip: Clip, found: Sequence[Event], texts: Sequence[str]) -> str:
-    """The sentences of events that are seen in the picture, in order of time; many of one kind are counted.
+    """The sentences of events that are seen in the picture, by time; of a kind that many objects have, the number.
 
     Of collisions, the first of each pair that came together before it; what is pushed moves, of course.
     """
-    if not found:
-        return "Nothing moves."
     pushed = {event.surfaces for event in found if event.kind is EventKind.PUSH}
-    chosen: list[tuple[float, str]] = []
-    for kind in EventKind:
-        which: dict[tuple[int, ...], int] = {}
-        for k, event in enumerate(found):
-            known = kind is EventKind.MOVE and event.surfaces in pushed
-            jolt = event.closing is not None and event.closing < REST_SPEED
-            if event.kind is kind and not known and not jolt and _in_picture(clip, event):
-                which.setdefault(tuple(sorted(event.surfaces)), k)
-        if len(which) <= STYLE.most or kind is EventKind.COLLISION:
-            chosen += [(found[k].time, texts[k]) for k in list(which.values())[: STYLE.most]]
+    first: dict[EventKind, dict[tuple[int, ...], int]] = {}
+    for k, event in enumerate(found):
+        known = event.kind is EventKind.MOVE and event.surfaces in pushed
+        if not known and not _is_jolt(event) and _in_picture(clip, event):
+            first.setdefault(event.kind, {}).setdefault(tuple(sorted(event.surfaces)), k)
+    lines: list[tuple[float, str]] = []
+    for kind, which in first.items():
+        rows = list(which.values())
+        if len(rows) > MOST and kind is not EventKind.COLLISION:
+            lines.append((found[rows[0]].time, f"{len(rows)} objects {VERBS[kind][1]}."))
         else:
-            time = found[next(iter(which.values()))].time
-            chosen.append((time, f"{len(which)} objects {VERBS[kind][1]}."))
-    lines = [text for _, text in sorted(chosen, key=lambda pair: pair[0])]
-    play = {Play.BACKWARD: "backward", Play.THERE_AND_BACK: "forward, then backward"}
-    if clip.scene.render.play in play:
-        lines.append(f"The clip shows this {play[clip.scene.render.play]}.")
-    slow = ClipTimes(clip).pace
-    if abs(slow - 1) > STYLE.same_speed:
-        factor = f"{slow:.2g} times slower" if slow >= 1 else f"{1 / slow:.2g} times faster"
-        lines.append(f"The clip shows this {factor} than it happens.")
-    return " ".join(lines)
+            lines += [(found[k].time, texts[k]) for k in rows[:MOST]]
+    words = [text for _, text in sorted(lines, key=lambda line: line[0])] or ["Nothing moves."]
+    if clip.scene.render.play is not Play.FORWARD:
+        words.append(f"The clip shows this {clip.scene.render.play.value.replace('-', ' ')}.")
+    pace = ClipTimes(clip).pace
+    if abs(pace - 1) > SAME_PACE:
+        factor = f"{pace:.2g} times slower" if pace >= 1 else f"{1 / pace:.2g} times faster"
+        words.append(f"The clip shows this {factor} than it happens.")
+    return " ".join(words)
 
 
 def _in_picture(clip: Clip, event: Event) -> bool:
     """Whether an event is seen."""
     (x, y), (width, height) = _place_seen(clip, event), clip.size
-    return event.kind in BORDERS or (0 <= x < width and 0 <= y < height)
+    return event.kind in (EventKind.LEAVE, EventKind.ENTER) or (0 <= x < width and 0 <= y < height)
 
 
 def _place_seen(clip: Clip, event: Event) -> Point:

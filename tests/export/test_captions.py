@@ -30,7 +30,7 @@ def caption(told: Clip) -> str:
 def test_the_caption_is_made_of_the_sentences_of_events(tmp_path: Path) -> None:
     told = clip(tmp_path, CAN, TABLE, "world.duration=2")
     text = caption(told)
-    assert text.startswith("The red ball moves to the right when the clip starts. ")
+    assert text.startswith("The red ball moves to the right at the start. ")
     assert "The red ball hits the can after 0.4" in text
     assert "The can tips over after " in text
     assert "tips" not in caption(clip(tmp_path, CAN, TABLE, "objects.ball.mass=2"))
@@ -66,7 +66,7 @@ def test_what_happens_outside_the_picture_is_not_in_the_caption(tmp_path: Path) 
     away = "render.camera={zoom: 4, center: [60, 150]}"  # the can is not seen
     told = clip(tmp_path, CAN, TABLE, away)
     assert caption(told) == (
-        "The red ball moves to the right when the clip starts. "
+        "The red ball moves to the right at the start. "
         "The red ball leaves the picture on the right after 0.25 s."
     )
 
