@@ -10,7 +10,7 @@ import os
 import re
 import time
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -77,23 +77,20 @@ class Store:
             path.unlink()
         return None
 
-    def write(self, key: str, parts: Sequence[bytes | memoryview]) -> None:
-        """Store an entry, whose data are the `parts` one after the other; the user is warned once where that fails."""
-        size, checksum = sum(map(len, parts)), 0
+    def write(self, key: str, data: bytes) -> None:
+        """Store an entry; the user is warned once where that fails."""
         if not self.most_bytes:
             return
-        if size > self.most_bytes:
+        if len(data) > self.most_bytes:
             expected = f"are more than the {self.most_bytes:,} that are kept"
-            self._tell(f"{size:,} bytes of one result", expected, "raise PHYSGEN_CACHE_BYTES")
+            self._tell(f"{len(data):,} bytes of one result", expected, "raise PHYSGEN_CACHE_BYTES")
             return
-        for part in parts:
-            checksum = zlib.crc32(part, checksum)
         path = self.root / f"{key}{SUFFIX}"
         beside = partial(path)
         try:
             self.root.mkdir(parents=True, exist_ok=True, mode=0o700)  # photos may be private
             with beside.open("wb") as file:
-                file.writelines((MAGIC, checksum.to_bytes(4, "big"), *parts))
+                file.writelines((MAGIC, zlib.crc32(data).to_bytes(4, "big"), data))
             beside.replace(path)
             self._shrink(self.most_bytes, int(SHRINK_TO * self.most_bytes))
         except OSError as error:

@@ -31,7 +31,7 @@ AFTERWARDS = {
     "Light": {"provenance"},
 }
 """What a scene says that no unrefined frame shows. The photo and its maps count by their bytes, not by their names."""
-FORMAT = 2
+FORMAT = 3
 """Counted up when an entry of frames is laid out in another way."""
 
 

@@ -1,19 +1,13 @@
-"""Cached unrefined frames.
-
-A frame is stored as its difference from the first where that is mostly 0, else as the difference of each pixel from its
-left neighbour; deflated and lossless.
-"""
+"""Cached unrefined frames, without loss: PNG of their differences from the first, in memory and on disk."""
 
 from __future__ import annotations
 
 import io
-import json
-import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any, Generic, TypeVar
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,8 +21,6 @@ A = TypeVar("A", bound=NDArray[Any])
 
 Add = Callable[[U8, F32, U16], None]
 """Takes the next frame: (H, W, 3) sRGB; (H, W) coverage of objects, 0..1; (H, W) ids of bodies."""
-SAME = 0.5
-"""Share of a picture that must equal the first for the difference from it to be stored."""
 
 
 class Frames(Sequence[A], Generic[A]):
@@ -50,67 +42,44 @@ class Frames(Sequence[A], Generic[A]):
 class Footage:
     """A clip before it is refined, one frame a sample of its trajectory."""
 
-    size: tuple[int, int]
-    """(H, W) px."""
-    blobs: Sequence[tuple[bytes | memoryview, ...]]
-    """Deflated picture, coverage and ids of each frame."""
-    still: list[bool]
-    """Which pictures are differences from the first."""
+    files: Sequence[Sequence[U8]]
+    """Of each frame the PNG of its picture (all but the first as differences from it), its coverage and its ids."""
     trajectory: Trajectory
 
     @property
     def rgb(self) -> Frames[U8]:
         """(H, W, 3) sRGB each."""
-        return Frames(self._rgb, len(self.blobs))
+        return Frames(lambda k: self._read(k, 0) + (self._read(0, 0) if k else np.uint8(0)), len(self.files))
 
     @property
     def coverage(self) -> Frames[F32]:
         """(H, W) each, of objects: 0..1, in steps of 1/255."""
-        return Frames(self._coverage, len(self.blobs))
+        return Frames(lambda k: self._read(k, 1).astype(np.float32) / np.float32(255), len(self.files))
 
     @property
     def ids(self) -> Frames[U16]:
         """(H, W) each: body k shows as k + 1, 0 = background."""
-        return Frames(self._ids, len(self.blobs))
+        return Frames(lambda k: self._read(k, 2), len(self.files))
 
-    def _decoded(self, frame: int, part: int) -> U8:
-        return np.frombuffer(bytearray(zlib.decompress(self.blobs[frame][part])), np.uint8)
+    def _read(self, frame: int, part: int) -> NDArray[Any]:
+        return np.asarray(cv2.imdecode(self.files[frame][part], cv2.IMREAD_UNCHANGED))
 
-    def _rgb(self, frame: int) -> U8:
-        picture = self._decoded(frame, 0).reshape(*self.size, 3)
-        if self.still[frame]:
-            return self._rgb(0) + picture
-        return np.cumsum(picture, axis=1, dtype=np.uint8)
-
-    def _coverage(self, frame: int) -> F32:
-        steps = self._decoded(frame, 1).reshape(self.size).astype(np.float32)
-        return np.asarray(steps / np.float32(255), np.float32)
-
-    def _ids(self, frame: int) -> U16:
-        return self._decoded(frame, 2).view("<u2").reshape(self.size).astype(np.uint16, copy=False)
-
-    def parts(self) -> list[bytes | memoryview]:
-        """For the cache: a header in JSON with its length, the motion, and the blobs as they are."""
-        motion = self.trajectory.to_bytes()
-        lengths = [[len(blob) for blob in row] for row in self.blobs]
-        about = {"size": self.size, "still": self.still, "lengths": lengths, "motion": len(motion)}
-        head = json.dumps(about).encode()
-        return [len(head).to_bytes(8, "big"), head, motion, *(blob for row in self.blobs for blob in row)]
+    def to_bytes(self) -> bytes:
+        """For the cache: an archive of the files, one after the other, their lengths, and the motion."""
+        buffer = io.BytesIO()
+        motion = np.frombuffer(self.trajectory.to_bytes(), np.uint8)
+        lengths = np.array([[len(file) for file in row] for row in self.files])
+        files = np.concatenate([file for row in self.files for file in row])
+        np.savez(buffer, motion=motion, lengths=lengths, files=files)
+        return buffer.getvalue()
 
     @classmethod
-    def from_parts(cls, data: memoryview) -> Footage:
-        """The inverse of `parts`, joined. Raises ValueError or KeyError for other data."""
-        at = 8 + int.from_bytes(data[:8], "big")
-        head = json.loads(bytes(data[8:at]))
-        motion = read_trajectory(io.BytesIO(data[at : at + head["motion"]]))
-        at += head["motion"]
-        blobs: list[tuple[bytes | memoryview, ...]] = []
-        for row in head["lengths"]:
-            ends = [at, *(at + sum(row[: k + 1]) for k in range(len(row)))]
-            blobs.append(tuple(data[a:b] for a, b in pairwise(ends)))
-            at = ends[-1]
-        height, width = head["size"]
-        return cls((height, width), blobs, head["still"], motion)
+    def from_bytes(cls, data: memoryview) -> Footage:
+        """The inverse of `to_bytes`."""
+        with np.load(io.BytesIO(data), allow_pickle=False) as stored:
+            lengths, motion = stored["lengths"], io.BytesIO(stored["motion"].tobytes())
+            files = np.split(stored["files"], np.cumsum(lengths)[:-1])
+        return cls([files[k : k + 3] for k in range(0, len(files), 3)], read_trajectory(motion))
 
 
 def footage(
@@ -125,33 +94,22 @@ def footage(
     `unchanged`: the key may then describe other inputs.
     """
     if store is not None and (data := store.read(key)) is not None:
-        try:
-            return Footage.from_parts(data)
-        except (ValueError, KeyError):
-            pass  # written by another version
-    blobs: list[tuple[bytes | memoryview, ...]] = []
-    still: list[bool] = []
-    sizes: list[tuple[int, ...]] = []
+        return Footage.from_bytes(data)
+    files: list[list[U8]] = []
     first: list[U8] = []
 
     def add(rgb: U8, coverage: F32, ids: U16) -> None:
-        sizes.append(rgb.shape[:2])
-        if not {rgb.shape[:2], coverage.shape, ids.shape} == {sizes[0]}:
-            raise ValueError(f"frame {len(blobs)} of {rgb.shape[1]} x {rgb.shape[0]} px is of another size")
-        if not first:
-            first.append(rgb.copy())
-        less = rgb - first[0]
-        still.append(bool(blobs) and bool(np.count_nonzero(less) < (1 - SAME) * less.size))
-        if not still[-1]:
-            less = rgb.copy()
-            less[:, 1:] -= rgb[:, :-1]
+        rgb = rgb - first[0] if first else rgb
+        first.extend([] if first else [rgb.copy()])
         steps = np.rint(np.clip(coverage, 0, 1) * np.float32(255)).astype(np.uint8)
-        parts = (less, steps, ids.astype("<u2", copy=False))
-        blobs.append(tuple(zlib.compress(np.ascontiguousarray(part).data, 1) for part in parts))
+        files.append([_png(np.ascontiguousarray(picture)) for picture in (rgb, steps, ids)])
 
-    trajectory = film(add)
-    height, width = sizes[0] if sizes else (0, 0)
-    made = Footage((height, width), blobs, still, trajectory)
+    made = Footage(files, film(add))
     if store is not None and unchanged():
-        store.write(key, made.parts())
+        store.write(key, made.to_bytes())
     return made
+
+
+def _png(picture: U8 | U16) -> U8:
+    """A file whose channels stand in the order of the picture's."""
+    return np.asarray(cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1])

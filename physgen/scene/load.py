@@ -15,7 +15,7 @@ from physgen.problems import InputError, Place, Problem
 from physgen.scene import scene as parts
 from physgen.scene.document import Node, Source, children, decode, items, plain, read
 from physgen.scene.files import read_scene, with_bases
-from physgen.scene.overlay import apply, edit_of_flag, edits_of_variant, variants_of
+from physgen.scene.overlay import apply, edit_of_flag, edits_of_variant, targets, variants_of
 from physgen.scene.rules import Files, Ground, check_rules
 from physgen.scene.schema import with_defaults
 from physgen.scene.validate import Findings, TooManyError, check_schema
@@ -27,6 +27,8 @@ EARTH = 9.8
 """m/s², the gravity of the paper's code; times pixels_per_meter where a scene names none."""
 MAX_CHECKS = 3_000_000
 """Limit of variants and their edits times values of a scene, which bounds the cost of checking every variant."""
+MAX_SET = 200_000
+"""Values that the edits of all variants may set together, those of keys with a star at each place: a few seconds."""
 
 
 class Opened:
@@ -155,12 +157,19 @@ def _problems_of_variants(root: Node, own: Findings, files: Files) -> Iterator[P
         return
     report = Findings()
     report.problems = dict(own.problems)
+    left = MAX_SET
     for name, node in named:
         changed = root
         try:
             for edit in edits_of_variant(node, name):
+                left -= targets(changed, edit) * _values(edit.value)
+                if left < 0:  # at once: no other problem may be looked for in such a tree
+                    what = f"sets more than {MAX_SET:,} values, with the edits before it"
+                    raise InputError([*own.problems, *edit.problem(what, "name fewer objects").problems])
                 changed = apply(changed, edit)
         except InputError as error:
+            if left < 0:
+                raise
             report.problems.update(dict.fromkeys(error.problems))
             continue
         _check(changed, report, files)

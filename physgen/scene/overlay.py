@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from functools import cache
 
 from physgen.problems import InputError, Problem
-from physgen.scene.document import Node, Source, read
+from physgen.scene.document import Node, Source, children, items, read
 from physgen.scene.schema import schema_at
 from physgen.text import KeyPath, dotted, nearest, quoted
 
@@ -155,14 +155,13 @@ def _set(node: Node | None, path: KeyPath, depth: int, edit: Edit, star: bool, a
     if isinstance(step, int) or step == "[*]":
         node = _default(at, edit.value) if node is None else node
         return _set_item(node, path, depth, edit, star, at)
-    children = node.value if node is not None and isinstance(node.value, dict) else {}
-    changed = dict(children)
+    changed = dict(children(node))
     if step == "*":
         if node is None or not isinstance(node.value, dict):
             raise edit.problem(
                 f"{dotted(at) or 'the scene'} has no keys for * to stand for", "name a key that is there"
             )
-        for key in children:
+        for key in children(node):
             _put(changed, key, path, depth, edit, True, at)
     else:
         _put(changed, step, path, depth, edit, star, at)
@@ -201,14 +200,27 @@ def _set_item(node: Node | None, path: KeyPath, depth: int, edit: Edit, star: bo
     if node is None or not isinstance(node.value, list):
         whole = edit.key.partition("[")[0] if "[" in edit.key else dotted(at)
         raise edit.problem(f"{dotted(at)} is not a list", f"write {whole}=[...] to set all of it")
-    items = list(node.value)
-    if isinstance(step, int) and step >= len(items):
+    changed = list(node.value)
+    if isinstance(step, int) and step >= len(changed):
         raise edit.problem(
-            f"{dotted(at)} has {len(items)} item{'' if len(items) == 1 else 's'}", "count from 0"
+            f"{dotted(at)} has {len(changed)} item{'' if len(changed) == 1 else 's'}", "count from 0"
         )
-    for index in range(len(items)) if step == "[*]" else [int(step)]:
-        items[index] = _set(items[index], path, depth + 1, edit, star, (*at, index))
-    return node.with_value(items)
+    for index in range(len(changed)) if step == "[*]" else [int(step)]:
+        changed[index] = _set(changed[index], path, depth + 1, edit, star, (*at, index))
+    return node.with_value(changed)
+
+
+def targets(root: Node, edit: Edit) -> int:
+    """Number of places at which an edit sets its value; a place that is made counts as one."""
+    found: list[Node | None] = [root]
+    for step in parse_key(edit.key) or ():
+        if step in ("*", "[*]"):
+            found = [child for node in found for child in (*children(node).values(), *items(node))]
+        elif isinstance(step, str):
+            found = [children(node).get(step) for node in found]
+        else:
+            found = [dict(enumerate(items(node))).get(step) for node in found]
+    return len(found)
 
 
 def variants_of(root: Node) -> Iterator[tuple[str, Node]]:

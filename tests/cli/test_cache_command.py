@@ -13,7 +13,7 @@ from physgen.pipeline.cache import SUFFIX, open_store
 
 
 def put(key: str, size: int) -> None:
-    open_store().write(key, [b"x" * size])
+    open_store().write(key, b"x" * size)
 
 
 def test_show_of_nothing_makes_nothing(capsys) -> None:

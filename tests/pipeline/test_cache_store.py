@@ -29,7 +29,7 @@ def store(tmp_path: Path) -> Store:
 
 def test_what_was_written_is_read(store: Store) -> None:
     assert store.read("s-a") is None
-    store.write("s-a", [b"al", b"pha"])
+    store.write("s-a", b"alpha")
     assert store.read("s-a") == b"alpha"
     assert store.read("s-b") is None
     [entry] = store.sizes()
@@ -56,43 +56,43 @@ DAMAGES: dict[str, Callable[[Path], object]] = {
 def test_a_damaged_entry_counts_as_missing_and_is_removed(
     damage: Callable[[Path], object], store: Store
 ) -> None:
-    store.write("s-a", [DATA])
-    store.write("s-b", [DATA])
+    store.write("s-a", DATA)
+    store.write("s-b", DATA)
     damage(store.root / f"s-a{SUFFIX}")
     assert store.read("s-a") is None
     assert keys(store) == {"s-b"}
-    store.write("s-a", [b"anew"])
+    store.write("s-a", b"anew")
     assert store.read("s-a") == b"anew"
 
 
 def test_the_least_recently_used_go_first(tmp_path: Path) -> None:
     store = Store(tmp_path, 8 * KB)
     for age, key in enumerate(("s-c", "s-b", "s-a")):
-        store.write(key, [DATA])
+        store.write(key, DATA)
         os.utime(tmp_path / f"{key}{SUFFIX}", (1000 + age, 1000 + age))
     assert [entry.key for entry in store.sizes()] == ["s-c", "s-b", "s-a"]
     assert store.read("s-c") is not None  # used now
-    store.write("s-d", [DATA])
+    store.write("s-d", DATA)
     assert keys(store) == {"s-a", "s-c", "s-d"}
-    store.write("s-e", [DATA])
+    store.write("s-e", DATA)
     assert keys(store) == {"s-c", "s-d", "s-e"}
 
 
 def test_one_that_is_larger_than_the_bound_removes_none(tmp_path: Path) -> None:
     warnings: list[Problem] = []
     store = Store(tmp_path, 8 * KB, warnings.append)
-    store.write("s-a", [DATA])
-    store.write("s-large", [b"x" * 20 * KB])
+    store.write("s-a", DATA)
+    store.write("s-large", b"x" * 20 * KB)
     assert keys(store) == {"s-a"}
     assert "PHYSGEN_CACHE_BYTES" in str(warnings[0])
     none = Store(tmp_path / "none", 0, warnings.append)
-    none.write("s-a", [DATA])
+    none.write("s-a", DATA)
     assert none.sizes() == []
     assert len(warnings) == 1
 
 
 def test_clearing_removes_remains_of_killed_processes(store: Store) -> None:
-    store.write("s-a", [DATA])
+    store.write("s-a", DATA)
     old, new = store.root / ".s-c.12-ab.part", store.root / ".s-d.13-ab.part"
     for path in (old, new):
         path.write_bytes(b"half")
@@ -113,7 +113,7 @@ def _hammer(root: Path, seed: int, rounds: int, most: int) -> tuple[int, list[st
         key = f"s-{draw.randrange(5)}"
         data = store.read(key)
         if data is None:
-            store.write(key, [key.encode() * 500])
+            store.write(key, key.encode() * 500)
         else:
             found += 1
             time.sleep(0.001)
@@ -138,7 +138,7 @@ def test_a_folder_that_cannot_be_written_warns_once(tmp_path: Path) -> None:
     store = Store(tmp_path / "file" / "stages", warn=warnings.append)
     for _ in range(2):
         assert store.read("s-a") is None
-        store.write("s-a", [DATA])
+        store.write("s-a", DATA)
     assert store.sizes() == []
     assert store.clear().entries == 0
     assert len(warnings) == 1

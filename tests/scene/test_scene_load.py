@@ -31,6 +31,14 @@ def fails(path: Path, **flags: bool) -> str:
     return str(caught.value)
 
 
+def test_a_star_sets_no_more_than_a_scene_may_hold(tmp_path: Path) -> None:
+    objects = "".join(f"  o{k}: {{shape: {{circle: {{center: [9, 9], radius: 3}}}}}}\n" for k in range(200))
+    outline = ", ".join(f"[{k}, {k * k % 97}]" for k in range(400))
+    variant = f"variants:\n  a: {{objects.*.shape: {{polygon: [{outline}]}}}}\n"
+    message = fails(write(tmp_path, f"{HEAD}objects:\n{objects}{variant}"))
+    assert ":205:7: variants.a.objects.*.shape: sets more than 200,000 values" in message
+
+
 def test_everything_that_is_written() -> None:
     found = load(FULL)
     assert found.name == "full"
