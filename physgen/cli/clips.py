@@ -329,7 +329,9 @@ def cluster(text: str) -> str:
 def add_clips(parser: Parser) -> None:
     """Adds the flags of commands that render clips."""
     parser.option("--jobs", "N", count, "scenes rendered at a time; default: 1", 1)
-    about = "render on a Dask cluster: dask=tcp://HOST:8786 or dask=FILE.json, its scheduler; see docs/batches.md"
+    about = (
+        "render on a Dask cluster: dask=tcp://HOST:8786 or dask=FILE.json, its scheduler; see docs/batches.md"
+    )
     parser.option("--cluster", "WHERE", cluster, about)
     parser.option("--format", "LIST", among(FORMATS), "any of mp4,gif,webp,png; default: mp4", ["mp4"])
     about = (
