@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -282,35 +281,22 @@ class Coverage:
 
 
 def open_coverage(path: Path, clip: Video, progress: Progress = lambda stage, done, total: None) -> Coverage:
-    """Masks for every frame of `clip`: a folder with a picture per frame, a video, or one picture for all frames.
+    """Masks for every frame of `clip`: a folder with a picture per frame, or one picture for all frames.
 
-    Grey of 8 bits is coverage, 0 none .. 255 all, and so are videos. Of pictures with 16 bits, a palette or colours,
-    anything but 0 or black is an object. Each mask is read once to be checked. Raises InputError.
+    Grey of 8 bits is coverage, 0 none .. 255 all. Of pictures with 16 bits, a palette or colours, anything but 0 or
+    black is an object. Each mask is read once to be checked. Raises InputError.
     """
     count = len(clip.frames)
-    pictures: list[Path] = []
-    if path.is_dir():
-        pictures = in_folder(path)
-    elif is_picture(path) and not plays(path):
-        pictures = [path]
-    is_still = pictures == [path]
-
-    def masks() -> Iterator[tuple[str, U8]]:
-        for picture in pictures:
-            yield str(picture), _read_mask(picture)
-        for frame in () if pictures else video_frames(path):
-            yield frame.place, np.asarray(cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2GRAY), np.uint8)
-
-    found = len(pictures) or len(read_video(path, progress).frames)
-    if not is_still and found != count:
-        what = f"{found} mask{'s' * (found != 1)}"
+    pictures = in_folder(path) if path.is_dir() else [path]
+    if path.is_dir() and len(pictures) != count:
+        what = f"{len(pictures)} mask{'s' * (len(pictures) != 1)}"
         fix = "give one mask a frame, or name one picture for all frames"
         raise InputError.of(str(path), what, f"for {count} frame{'s' * (count != 1)}", fix)
-    for k, (place, mask) in enumerate(masks()):
-        _check_size(place, mask.shape[::-1], clip.size)
-        progress("read masks", k + 1, found)
-    decoded = Decoded(path, lambda: (_padded(mask, clip.size) for _, mask in masks()), found)
-    return Coverage(path, [decoded[0]] * count if is_still else decoded)
+    for k, picture in enumerate(pictures):
+        _check_size(str(picture), _read_mask(picture).shape[::-1], clip.size)
+        progress("read masks", k + 1, len(pictures))
+    masks = Decoded(path, lambda: (_padded(_read_mask(one), clip.size) for one in pictures), len(pictures))
+    return Coverage(path, masks if path.is_dir() else [masks[0]] * count)
 
 
 def _check_size(place: str, size: tuple[int, ...], video: tuple[int, int]) -> None:
@@ -330,28 +316,10 @@ def _padded(values: U8, size: tuple[int, int]) -> F32:
 def _read_mask(path: Path) -> U8:
     """(H, W) coverage in 255ths. Raises InputError."""
     with open_picture(path) as image:
-        if image.mode == "P":
-            decode_picture(image, path)
-            colours = np.asarray(image.convert("RGB"))
-            return colours[..., 0].copy() if _is_grey(colours) else _of_ids(np.asarray(image))
-        jpeg = image.format in ("JPEG", "MPO")
+        has_ids = image.mode == "P"
     raw = read_channels(path)
-    colours = raw if raw.ndim == 2 else raw[..., : 1 if raw.shape[2] == 2 else 3]
-    if raw.dtype == np.uint16:
-        return _of_ids(colours)
-    if colours.ndim == 2 or colours.shape[2] == 1 or _is_grey(colours):
-        return np.ascontiguousarray(colours if colours.ndim == 2 else colours[..., 0], np.uint8)
-    if jpeg:
-        fix = "save it as PNG, or in grey"
-        raise InputError.of(str(path), "", "is a JPEG in colour, whose compression changes ids", fix)
-    return _of_ids(colours)
-
-
-def _is_grey(rgb: NDArray[Any]) -> bool:
-    return np.array_equal(rgb[..., 0], rgb[..., 1]) and np.array_equal(rgb[..., 0], rgb[..., 2])
-
-
-def _of_ids(ids: NDArray[Any]) -> U8:
-    """Of ids (H, W), or colours (H, W, 3)."""
-    there = ids > 0 if ids.ndim == 2 else np.any(ids > 0, axis=2)
-    return np.where(there, np.uint8(255), np.uint8(0))
+    channels: NDArray[Any] = np.atleast_3d(raw)
+    channels = channels[..., : 1 if channels.shape[2] <= 2 else 3]
+    if raw.dtype == np.uint8 and not has_ids and (channels == channels[..., :1]).all():
+        return np.ascontiguousarray(channels[..., 0], np.uint8)
+    return np.where(np.any(channels > 0, axis=2), np.uint8(255), np.uint8(0))

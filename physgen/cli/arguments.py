@@ -163,7 +163,6 @@ draws = whole(2, 1000)
 number_of_clips = whole(1, 10_000_000)
 seed = whole(0, 10**18)
 turns = whole(1, 360)
-part = number(0, 1)
 
 
 def positive(text: str) -> float:

@@ -30,22 +30,19 @@ def _show(store: Store, as_json: bool) -> int:
             {"key": entry.key, "stage": entry.stage, "bytes": entry.bytes, "used": _moment(entry.used)}
             for entry in entries
         ]
-        oldest = _moment(entries[0].used) if entries else None
         head = {
             "path": str(store.root),
             "count": len(entries),
             "bytes": total,
             "most_bytes": store.most_bytes,
         }
-        print_json({**head, "oldest": oldest, "entries": named})
+        print_json({**head, "entries": named})
         return OK
     print(store.root)
     for stage in sorted({entry.stage for entry in entries}):
         of = [entry.bytes for entry in entries if entry.stage == stage]
         print(f"{stage:<10}{_counted(len(of))}, {_size(sum(of))}")
     print(f"{'all':<10}{_counted(len(entries))}, {_size(total)} of {_size(store.most_bytes)}")
-    if entries:
-        print(f"{'oldest':<10}last used {_moment(entries[0].used)}")
     return OK
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,7 +14,6 @@ from physgen.cli.arguments import (
     Parser,
     among,
     count,
-    part,
     positive,
     seed,
     some_names,
@@ -36,6 +36,8 @@ from physgen.problems import InputError, Problem
 if TYPE_CHECKING:
     from physgen.evaluate.measure import Findings
 
+REFERENCE = "reference"
+"""The other side of fid."""
 QUESTIONS = ("gravity", "momentum", "energy", "overlap", "jumps")
 """Of plausibility."""
 
@@ -101,21 +103,17 @@ def add_segmentation(parser: Parser) -> None:
     parser.add_argument("folder", metavar="FOLDER", type=Path, help=about)
     parser.option("--backend", "ROLE=NAME", str, "what segments: segment=NAME", [], action="append")
     add_output(parser, "write a page with plots, and the result as JSON, in this folder")
-    parser.option("--precision", "BAR", part, "least for the share of detections that are right, 0 to 1")
-    parser.option("--recall", "BAR", part, "least for the share of true objects that are found, 0 to 1")
-    parser.option("--iou", "BAR", part, "least for the mean overlap of matches, 0 to 1")
 
 
 def run_segmentation(options: argparse.Namespace) -> int:
     from physgen.evaluate.measure import check_folder
-    from physgen.evaluate.segmentation import BARS, evaluate, findings, illustrated, pairs
+    from physgen.evaluate.segmentation import evaluate, findings, illustrated, pairs
     from physgen.registry import Backends, Plan, choices
 
     chosen = choices(options.backend)
     if set(chosen) - {"segment"}:
         role = f'"{", ".join(sorted(set(chosen) - {"segment"}))}"'
         raise InputError.of("--backend", role, "has no part in this", "write segment=NAME")
-    bars = {name: bar for name in BARS if (bar := getattr(options, name)) is not None}
     found, warnings = pairs(options.folder)
     print_problems(warnings)
     check_folder(options.output, plots=True)
@@ -123,7 +121,7 @@ def run_segmentation(options: argparse.Namespace) -> int:
     segment = Backends(Plan(chosen)).get("segment")
     result = evaluate(found, segment, progress=bar.show)
     bar.clear()
-    report = findings(result, bars)
+    report = findings(result)
     return hand_over(illustrated(report, result) if options.output else report, options)
 
 
@@ -151,7 +149,7 @@ def run_plausibility(options: argparse.Namespace) -> int:
     from physgen.evaluate.plausibility.tracks import read
     from physgen.scene.scene import View
 
-    check_folder(options.output, plots=True)
+    check_folder(options.output)
     bar = Bar()
     verdicts: list[Verdict] = []
     for path in options.clips:
@@ -159,26 +157,16 @@ def run_plausibility(options: argparse.Namespace) -> int:
             bar.show(tracks.name, len(verdicts), len(verdicts) + 1)
             verdicts.append(judge(tracks.holding(options.held), options.skip))
     bar.clear()
-    return hand_over(findings(verdicts, plots=options.output is not None), options)
+    return hand_over(findings(verdicts), options)
 
 
 # ---- fid ----------------------------------------------------------------------------------------------------------
 
 
-def method(text: str) -> tuple[str, Path]:
-    """`NAME=DIR`."""
-    name, sign, path = text.partition("=")
-    if not (sign and name.strip() and path):
-        raise argparse.ArgumentTypeError(f"{text} is not NAME=DIR")
-    return name.strip(), Path(path)
-
-
 def add_fid(parser: Parser) -> None:
-    about = "videos, folders of frames, or folders of such, physgen's output folders among them: one method's clips"
-    parser.add_argument("clips", metavar="CLIPS", type=Path, nargs="*", help=about)
+    about = "a method's clips: a folder of videos, of physgen's clips or of folders of frames; its name is the method's"
+    parser.add_argument("clips", metavar="CLIPS", type=Path, nargs="+", help=about)
     parser.option("--reference", "DIR", Path, "the same of what is true", action="append", required=True)
-    about = "clips of a method, once for each; others are compared with the first"
-    parser.option("--method", "NAME=DIR", method, about, [], action="append")
     about = (
         "inception-2015-12-05.pt, the TorchScript file of published FIDs; without it, features that need no model and "
         "are NOT comparable with published FIDs"
@@ -193,18 +181,18 @@ def add_fid(parser: Parser) -> None:
     parser.option("--size", "PX", whole(16, 4096), "the shorter side of all frames; default: 256", 256)
     about = "resamplings of clips for intervals, 0 for none; default: 200"
     parser.option("--draws", "N", whole(0, 10_000), about, 200)
-    add_output(parser, "write a page with plots, and the result as JSON, in this folder")
+    add_output(parser, "write a page, and the result as JSON, in this folder")
 
 
 def run_fid(options: argparse.Namespace) -> int:
     from physgen.evaluate.clip_frames import Rule, Source, sources
-    from physgen.evaluate.fid import REFERENCE, Bank, Features, Settings, findings, measure
+    from physgen.evaluate.fid import Bank, Features, Settings, findings, measure
     from physgen.evaluate.measure import check_folder
 
-    check_folder(options.output, plots=True)
+    check_folder(options.output)
     problems: list[Problem] = []
     clips: dict[str, list[Source]] = {}
-    for name, paths in {REFERENCE: options.reference, **methods(options)}.items():
+    for name, paths in {REFERENCE: options.reference, **methods(options.clips)}.items():
         try:
             clips[name] = sources(paths)
         except InputError as error:
@@ -234,25 +222,16 @@ def run_fid(options: argparse.Namespace) -> int:
         raise InputError.of("--size", str(options.size), expected, fix) from None
     bar.clear()
     print_problems(measured.warnings)
-    return hand_over(findings(measured, options.skip, bool(options.output)), options)
+    return hand_over(findings(measured, options.skip), options)
 
 
-def methods(options: argparse.Namespace) -> dict[str, list[Path]]:
-    """Paths of each, in the order given; what has no name is called by its folder. Raises InputError."""
-    named: dict[str, list[Path]] = {}
-    if options.clips:
-        one = options.clips[0]
-        named["clips" if len(options.clips) > 1 else one.resolve().name or "clips"] = list(options.clips)
-    for name, path in options.method:
-        if name in named:
-            fix = "give each method a name of its own; of clips in several folders, name one above them"
-            raise InputError.of("--method", f'"{name}"', "stands for two methods", fix)
-        named[name] = [path]
-    if not named:
-        fix = "name clips, or methods with --method NAME=DIR"
-        raise InputError.of("evaluate fid", "", "has nothing to compare with the reference", fix)
-    if "reference" in named:
-        raise InputError.of("--method", '"reference"', "is the other side's name", "choose another name")
+def methods(paths: Sequence[Path]) -> dict[str, list[Path]]:
+    """By the names of the folders, in the order given. Raises InputError for two of one name."""
+    named = {path.resolve().stem: [path] for path in paths}
+    if len(named) < len(paths) or REFERENCE in named:
+        names = ", ".join(path.resolve().stem for path in paths)
+        fix = "give each method's folder a name of its own"
+        raise InputError.of("evaluate fid", names, f'are names of one thing, or "{REFERENCE}"', fix)
     return named
 
 
@@ -272,10 +251,10 @@ def add_properties(parser: Parser) -> None:
 
 def run_properties(options: argparse.Namespace) -> int:
     from physgen.evaluate.measure import check_folder
-    from physgen.evaluate.properties import SHIPPED, Asked, ask, findings, plots, read_table
+    from physgen.evaluate.properties import SHIPPED, Asked, ask, findings, read_table
     from physgen.registry import Backends, choices, load_plan
 
-    check_folder(options.output, plots=True)
+    check_folder(options.output)
     if others := set(choices(options.backend)) - {"physics"}:
         role = f'"{", ".join(sorted(others))}"'
         raise InputError.of("--backend", role, "has no part in this", "write physics=NAME")
@@ -286,8 +265,6 @@ def run_properties(options: argparse.Namespace) -> int:
     bar.clear()
     backends.close()
     found = findings(table, answers, Asked(backends.name("physics"), not options.hide_size))
-    if options.output:
-        found = found.with_parts(plots(table, answers), first=False)
     return hand_over(found, options)
 
 
@@ -466,7 +443,7 @@ MEASURES = (
     Command(
         "segmentation",
         "Objects found in photos against their true masks, as COCO counts them.",
-        "segmentation photos -o out/segmentation --recall 0.8",
+        "segmentation photos -o out/segmentation",
         add_segmentation,
         run_segmentation,
     ),

@@ -74,7 +74,7 @@ def add(parser: Parser) -> None:
     about = "mp4, mov, gif, webp ..., or a folder with one picture for each frame"
     parser.add_argument("video", metavar="VIDEO", type=Path, help=about)
     about = (
-        "masks of the objects: a folder with one picture for each frame, a video, or one picture for all frames; grey "
+        "masks of the objects: a folder with one picture for each frame, or one picture for all frames; grey "
         "of 8 bits is coverage, of 16 bits, palettes and colours distinguish objects; without it all pixels may change"
     )
     parser.option("--masks", "DIR", Path, about)

@@ -406,16 +406,13 @@ def plot(swept: Swept) -> Figure:
                 strong = (k + 1) / len(one.outcomes)
                 axes.plot(*each.path.places.T, color=colour, linewidth=0.6 + 0.7 * strong, zorder=2)
                 axes.plot(*each.path.places[-1], "o", color=colour, markersize=2 + 1.6 * strong, zorder=3)
-                if each.met:
-                    where = each.path.places[each.path.free - 1]
-                    axes.plot(*where, "o", markersize=3.5, mfc="none", mec=palette.ink, mew=0.5, zorder=4)
         axes.set(
             xlim=(low[0], high[0]), ylim=(high[1], low[1]), xlabel="x (px)", ylabel="y (px)", aspect="equal"
         )
 
     about = (
         f"Paths of {swept.object} after each push, a colour a direction, thicker for harder pushes; a dot is where it "
-        "ends, a ring where it first met an object."
+        "ends."
     )
     width, height = high - low
     return plotted(draw, about, 120, float(np.clip(120 * height / width, 60, 150)))

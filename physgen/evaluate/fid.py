@@ -11,21 +11,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from physgen.evaluate.clip_frames import Rule, Source, one_shape
-from physgen.evaluate.measure import Figure, Findings, Progress, Section, Table, plotted
+from physgen.evaluate.measure import Findings, Progress, Section, Table
 from physgen.export.flow import coloured
 from physgen.problems import InputError, Place, Problem, Severity
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from physgen.report.plot_style import Palette
 
 U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
@@ -411,17 +406,15 @@ BIASED = (
 )
 
 
-def findings(found: Measured, skipped: int = 0, pictures: bool = False) -> Findings:
-    """`skipped`: first frames that do not count, for the record; `pictures` asks for plots, which only a page shows."""
+def findings(found: Measured, skipped: int = 0) -> Findings:
+    """`skipped`: first frames that do not count, for the record."""
     features = found.features
     heads = {
         kind: word if features.comparable else f"{word}, {features.name}" for kind, word in WORDS.items()
     }
-    tables: list[Table | Figure] = [_table(found, kind, heads[kind]) for kind in found.found]
-    if pictures:
-        tables += [_plot(found, kind, heads[kind]) for kind in found.found]
+    tables = tuple(_table(found, kind, heads[kind]) for kind in found.found)
     sections = (
-        Section("Distances", BIASED, tuple(tables)),
+        Section("Distances", BIASED, tables),
         Section("How", _how(found)),
     )
     more = {
@@ -514,21 +507,3 @@ def _how(found: Measured) -> tuple[str, str]:
         "Motion: flow from each frame to the next, by DIS, coloured as Baker et al. (2011) do; full colour is "
         f"{found.full:.4g} px, the speed of the reference's fastest pair.",
     )
-
-
-def _plot(found: Measured, kind: str, head: str) -> Figure:
-    """Distances with their intervals, a line a method."""
-
-    def draw(axes: Axes, palette: Palette) -> None:
-        for k, distance in enumerate(found.found[kind].values()):
-            low, high = distance.interval or (distance.value, distance.value)
-            axes.plot([low, high], [k, k], color=palette.soft)
-            axes.plot(distance.value, k, "o", color=palette.blue, markersize=4)
-        axes.set_yticks(range(len(found.methods)), list(found.methods))
-        axes.set_ylim(len(found.methods) - 0.5, -0.5)
-        axes.set_xlim(left=0)
-        axes.set_xlabel(head)
-        axes.set_position((0.24, 0.22, 0.72, 0.74))  # names need room
-
-    height = 20.0 + 6 * len(found.methods)
-    return plotted(draw, f"{head} of every method, with 95 % intervals; nearer 0 is better.", height=height)

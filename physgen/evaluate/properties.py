@@ -12,13 +12,13 @@ from enum import Enum
 from itertools import combinations
 from math import exp, log
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from jsonschema import Draft202012Validator
 from numpy.typing import NDArray
 
-from physgen.evaluate.measure import Figure, Findings, Progress, Section, Table, plotted
+from physgen.evaluate.measure import Findings, Progress, Section, Table
 from physgen.geometry import raster
 from physgen.geometry.polygon import Disc, Outline, Region, Ring
 from physgen.materials import kind as kind_of
@@ -29,11 +29,6 @@ from physgen.registry import Backends, suggestion
 from physgen.scene.document import Node, Source, children, decode, items, plain, read
 from physgen.simulate.uncertainty import wilson
 from physgen.text import dotted, quoted
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from physgen.report.plot_style import Palette
 
 NEAR = 0.3
 """Relative error up to which the paper counts a mass as right."""
@@ -369,7 +364,6 @@ class Asked:
 
 
 def findings(table: Objects, answers: Mapping[str, Answer], asked: Asked) -> Findings:
-    """Without plots; see `plots`."""
     every = [(item, item.mass or 0.0, answers[item.name].mass or 0.0) for item in table.weighed]
     sets = {table.title: masses([pair for _, *pair in every])}  # type: ignore[misc]
     free = [(true, answer) for item, true, answer in every if not regulated(item.label)]
@@ -507,22 +501,3 @@ def _object_section(table: Objects, answers: Mapping[str, Answer]) -> Section:
     )
     heads = ("object", "true, g", "answered, g", "answered / true", "size, mm")
     return Section("Each object, the nearest first", (), (Table(heads, rows, note=table.source),))
-
-
-def plots(table: Objects, answers: Mapping[str, Answer]) -> dict[str, tuple[Figure, ...]]:
-    """For the page, by the title of their section."""
-    if not table.weighed:
-        return {}
-    true = np.array([item.mass for item in table.weighed], np.float64)
-    answered = np.array([answers[item.name].mass for item in table.weighed], np.float64)
-
-    def draw(axes: Axes, palette: Palette) -> None:
-        low, high = min(true.min(), answered.min()) / 1.6, max(true.max(), answered.max()) * 1.6
-        line = np.array([low, high])
-        axes.set(xscale="log", yscale="log", xlim=(low, high), ylim=(low, high))
-        axes.fill_between(line, (1 - NEAR) * line, (1 + NEAR) * line, color=palette.faint, linewidth=0)
-        axes.plot(line, line, color=palette.soft, linewidth=0.7)
-        axes.scatter(true, answered, s=11, color=palette.blue, linewidths=0, zorder=3)
-        axes.set(xlabel="true mass (g)", ylabel="answered mass (g)")
-
-    return {MASS: (plotted(draw, "Masses, answered over true; the band is within 30 %.", 110, 100),)}

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from physgen import registry
 from physgen.evaluate.measure import (
-    Bar,
     Findings,
     Progress,
     Section,
@@ -448,20 +447,14 @@ def evaluate(
 
 # ---- report ------------------------------------------------------------------------------------------------------
 
-BARS = {"precision": "precision", "recall": "recall", "iou": "mean IoU"}
-"""What a bar may be set for, of all objects of all photos."""
 HEADS = ("photo", "true", "found", "hit", "precision", "recall", "F", "IoU")
 CURVES = "Precision over recall"
 PAPER = "The paper: precision 0.93 and recall 0.82 at the same IoU, on 10 photos of its own with 118 objects."
 
 
-def findings(found: Found, bars: Mapping[str, float]) -> Findings:
-    """`bars`: the least that precision, recall or mean IoU of all objects together must be."""
+def findings(found: Found) -> Findings:
+    """Without the plot; see `illustrated`."""
     total = found.total
-    met = tuple(
-        Bar(f"{BARS[name]} of all together", _share(total[name]), f"{bar:g}", (total[name] or 0.0) >= bar)
-        for name, bar in bars.items()
-    )
     rows = tuple(_cells(row) for row in (*found.rows, {"photo": "all together", **total}))
     heads = ("average precision at IoU", *(f"{iou:.2f}" for iou in THRESHOLDS))
     by_iou = ("all objects", *(_share(one["ap"]) for one in total["ap_by_iou"]))
@@ -478,7 +471,7 @@ def findings(found: Found, bars: Mapping[str, float]) -> Findings:
         PAPER,
     )
     title = "Are objects found?"
-    return Findings("segmentation", title, sentences, sections, found.rows, met, found.as_dict())
+    return Findings("segmentation", title, sentences, sections, found.rows, more=found.as_dict())
 
 
 def _share(value: float | None) -> str:

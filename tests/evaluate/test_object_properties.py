@@ -128,7 +128,7 @@ def test_the_backend_answers_on_a_page(tmp_path: Path, capsys: pytest.CaptureFix
     assert "The backend table gives 2 of 2 masses to within 30 %" in text
     assert "materials.yaml" in text  # what is independent is said
     assert set(json.loads((page / "result.json").read_text())["answers"]) == {"ball", "cork", "box"}
-    assert (page / "index.html").read_text().count("data:image/svg+xml") == 1
+    assert "steel ball" in (page / "index.html").read_text()
 
 
 def test_a_model_is_asked_one_by_one(

@@ -9,19 +9,15 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from physgen.evaluate.measure import Bar, Figure, Findings, Section, Table, counted, number, plotted
+from physgen.evaluate.measure import Bar, Findings, Section, Table, counted, number
 from physgen.evaluate.plausibility.motion import Motion, Segment, Turn, runs
 from physgen.evaluate.plausibility.tracks import Array, Tracks
 from physgen.problems import InputError
-from physgen.report.plot_style import RED, SMALL, Palette, stroke
 from physgen.scene.scene import View
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 EVEN = 0.5
 """Score below which a clip is called wrong."""
@@ -405,20 +401,17 @@ ABOUT = (
     "1: nothing wrong is seen. Below 0.5 a clip is called wrong; its score is that of its worst question. "
     "-: the clip shows nothing that could be asked, which is no success."
 )
-MOST_PLOTTED, MOST_MARKED = 12, 5
-"""Clips with plots of their own, the worst first; faults marked in one."""
 
 
-def findings(verdicts: Sequence[Verdict], plots: bool) -> Findings:
-    """Of one clip or many; figures where `plots` asks for them."""
+def findings(verdicts: Sequence[Verdict]) -> Findings:
+    """Of one clip or many."""
     wrong = [v for v in verdicts if v.wrong]
     judged = sum(v.wrong is not None for v in verdicts)
-    worst = sorted(verdicts, key=lambda v: (v.overall is None, v.overall))[: MOST_PLOTTED * plots]
     rows = tuple(
         (v.tracks.name, v.word, *(number(s) for s in (v.overall, *map(v.score, QUESTIONS)))) for v in verdicts
     )
     table = Table(("clip", "verdict", "score", *QUESTIONS), rows)
-    sections = [Section("Scores", (ABOUT,), (table,)), *(_section(v, v in worst) for v in verdicts)]
+    sections = [Section("Scores", (ABOUT,), (table,)), *map(_section, verdicts)]
     sentences = [f"{len(wrong)} of {counted(judged, 'clip')} called wrong."]
     if unasked := [v.tracks.name for v in verdicts if v.wrong is None]:
         sentences.append(f"Nothing could be asked of {', '.join(unasked[:5])}: that is no verdict.")
@@ -428,7 +421,7 @@ def findings(verdicts: Sequence[Verdict], plots: bool) -> Findings:
     return Findings("plausibility", title, tuple(sentences), tuple(sections), records, (bar,), {"even": EVEN})
 
 
-def _section(verdict: Verdict, plotted: bool) -> Section:
+def _section(verdict: Verdict) -> Section:
     tracks, sigma = verdict.tracks, verdict.motion.sigma
     about = (
         f"{tracks.source}; seen from {'above' if tracks.view is View.TOP else 'the side'}; "
@@ -443,30 +436,4 @@ def _section(verdict: Verdict, plotted: bool) -> Section:
         worst = worst if not found or found[0].deviation > 0 else "nothing beyond noise"
         rows.append((QUESTIONS[name].text, str(len(found)), number(verdict.score(name)), worst))
     table = Table(("what must hold", "asked", "score", "the worst"), tuple(rows))
-    return Section(tracks.name, (about,), (table, *([paths(verdict)] if plotted else [])))
-
-
-def paths(verdict: Verdict) -> Figure:
-    """px, y downwards as in the picture; dots are frames."""
-    tracks, faults = verdict.tracks, verdict.faults()[:MOST_MARKED]
-
-    def draw(axes: Axes, palette: Palette) -> None:
-        for k, name in enumerate(tracks.names):
-            colour, dashes = stroke(k, palette)
-            x, y = tracks.places[:, k].T
-            axes.plot(x, y, ".", color=colour, linestyle=dashes, linewidth=0.7, markersize=2.2, label=name)
-        for count, (_, evidence) in enumerate(faults, 1):
-            x, y = tracks.places[evidence.frame, evidence.bodies[0]]
-            axes.plot([x], [y], "o", markersize=11, markerfacecolor="none", markeredgecolor=RED)
-            axes.annotate(str(count), (x, y), (8, 6), textcoords="offset points", color=RED)
-        axes.set_aspect("equal", adjustable="datalim")
-        axes.invert_yaxis()
-        axes.set(xlabel="x, px", ylabel="y, px")
-        if len(tracks.names) <= 10:
-            axes.legend(fontsize=SMALL, frameon=False, loc="best")
-
-    marked = ", ".join(f"{count}: {e.text}" for count, (_, e) in enumerate(faults, 1))
-    about = f"Paths of {tracks.name}, a dot a frame. " + (
-        f"Wrong: {marked}." if marked else "Nothing is wrong."
-    )
-    return plotted(draw, about, height=95.0)
+    return Section(tracks.name, (about,), (table,))
