@@ -37,6 +37,8 @@ class Tuning:
     """Frames within which they may have been one, where they are not known well."""
     missed: float = 0.12
     """Of what the change of velocity makes in a frame: by so much paths may miss each other."""
+    resting: float = 0.3
+    """Of the speed after an impact: what came slower was probably hit by something."""
     flight: int = 6
     """Frames of a flight, at least."""
     shortest: float = 0.18
@@ -497,12 +499,11 @@ def _impact(motion: Motion, turn: Turn) -> Impact | None:
     others = []
     for body in motion.near(turn.body, first, last):
         other = _partner(motion, body, turn)
-        if other is None:
+        met = None if other is None else _met(motion, turn, other)
+        if met is None or (not met and motion.turns_near(body, turn.time, TUNING.late)):
             return None
-        if _met(motion, turn, other):
+        if met and other is not None:
             others.append(other)
-        elif motion.turns_near(body, turn.time, TUNING.late):
-            return None
     if not others:
         return Impact(first, (turn,))
     if len(others) > 1 or not motion.free(others[0].body):
@@ -529,8 +530,16 @@ def _partner(motion: Motion, body: int, turn: Turn) -> Turn | None:
     return None
 
 
-def _met(motion: Motion, one: Turn, other: Turn) -> bool:
-    """Whether they were near enough at the impact to touch."""
+def _met(motion: Motion, one: Turn, other: Turn) -> bool | None:
+    """Whether they were near enough at the impact to touch; None where that is not known."""
     reach = motion.tracks.forms[one.body].reach + motion.tracks.forms[other.body].reach
     close = 1.0 + 3 * motion.shake(one.body, other.body) + 0.05 * reach
-    return float(np.hypot(*(one.place - other.place))) - reach <= close
+    gap = float(np.hypot(*(one.place - other.place))) - reach
+    if gap <= close:
+        return True
+    changes = float(np.hypot(*one.change) + np.hypot(*other.change))
+    slack = TUNING.missed / 2 * changes * motion.tracks.step
+    slack += 3 * max(part.before.error(part.time) for part in (one, other))
+    hit = np.hypot(*one.arrives) <= TUNING.resting * np.hypot(*one.leaves)
+    sure = other.after.first - other.before.last <= 1 and not hit
+    return False if sure and gap > close + slack else None
