@@ -296,15 +296,8 @@ DTYPES = ("auto", "float32", "float16", "bfloat16")
 DEVICE = re.compile(r"auto|cpu|mps|cuda(:\d+)?")
 
 
-@dataclass(frozen=True)
-class Configuration:
-    """The checked content of a configuration file."""
-
-    switches: Mapping[str, str] = field(default_factory=dict)
-    """`profile`, `device`, `dtype`."""
-    choices: Mapping[str, Choice] = field(default_factory=dict)
-    options: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    """Other tables, by backend."""
+Configuration = tuple[Mapping[str, str], Mapping[str, Choice], Mapping[str, Mapping[str, Any]]]
+"""Checked content of a file: `profile`, `device`, `dtype`; choices by role; other tables, by backend."""
 
 
 def load_plan(
@@ -320,7 +313,8 @@ def load_plan(
     A `profile` stands in place of the file's choices. Raises InputError with everything wrong.
     """
     path = config or user_file()
-    file = read_configuration(path) if config or path.is_file() else Configuration()
+    found: Configuration = read_configuration(path) if config or path.is_file() else ({}, {}, {})
+    file_switches, file_choices, tables = found
     given_flags = (("profile", profile), ("device", device), ("dtype", dtype))
     flags = {key: value for key, value in given_flags if value is not None}
     problems = list(_switch_problems(flags, {key: Place(f"--{key}") for key in flags}))
@@ -331,13 +325,13 @@ def load_plan(
         problems += error.problems
     if problems:
         raise InputError(problems)
-    switches = {**file.switches, **flags}
+    switches = {**file_switches, **flags}
     named = PROFILES[switches.get("profile", "offline")]
     chosen = {role: Choice(backend) for role, backend in named.items()}
     if profile is None:
-        chosen |= file.choices
+        chosen |= file_choices
     device, dtype = (switches.get(key, "auto") for key in ("device", "dtype"))
-    return Plan(chosen | given, device, dtype, options=file.options)
+    return Plan(chosen | given, device, dtype, options=tables)
 
 
 def _switch_problems(switches: Mapping[str, Any], places: Mapping[str, Place]) -> Iterator[Problem]:
@@ -393,7 +387,7 @@ def read_configuration(path: Path) -> Configuration:
             problems.append(Problem(place, name, f'"{name}"', "means nothing here", fix))
     if problems:
         raise InputError(problems)
-    return Configuration(switches, chosen, data)
+    return switches, chosen, data
 
 
 def _relative_to(path: Path, weights: str) -> str:

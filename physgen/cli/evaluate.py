@@ -96,10 +96,7 @@ def run_fidelity(options: argparse.Namespace) -> int:
 
 
 def add_segmentation(parser: Parser) -> None:
-    about = (
-        "photos with label maps: NAME.png and NAME.labels.png, or folders of photo.png and photo.assets/masks.png; or "
-        "a COCO file (*.json) with its photos"
-    )
+    about = "photos with label maps: NAME.png and NAME.labels.png, or folders of photo.png and photo.assets/masks.png"
     parser.add_argument("folder", metavar="FOLDER", type=Path, help=about)
     parser.option("--backend", "ROLE=NAME", str, "what segments: segment=NAME", [], action="append")
     add_output(parser, "write a page with plots, and the result as JSON, in this folder")

@@ -1,14 +1,13 @@
 """Objects found on photos against true masks, matched as COCO does: counts, average precision, calibration.
 
 T.-Y. Lin et al., "Microsoft COCO: Common Objects in Context" (2014); pycocotools matches and counts. Truth is read from
-label maps beside photos, photos with their assets as `perceive` writes them, or COCO files.
+label maps beside photos, or in assets as `perceive` writes them.
 """
 
 from __future__ import annotations
 
 import contextlib
 import io
-import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -60,7 +59,7 @@ ASSETS = "photo.assets/masks.png"
 """The label map of a folder that holds one `photo.*`."""
 UNJUDGED = 65535
 """Id in a 16-bit label map where truth is unknown."""
-HOW = f"put NAME{LABELS} beside each NAME.png, or {ASSETS} beside each photo.png in folders, or name a COCO file"
+HOW = f"put NAME{LABELS} beside each NAME.png, or {ASSETS} beside each photo.png in folders"
 
 
 def require_pycocotools() -> None:
@@ -91,113 +90,29 @@ class Truth:
 
 
 @dataclass(frozen=True)
-class Annotations:
-    """What a COCO file holds of one photo."""
-
-    size: tuple[int, int] | None
-    """W, H px; None where the file gives none."""
-    regions: tuple[Mapping[str, Any], ...]
-
-
-def annotation_runs(segmentation: Any, size: tuple[int, int]) -> Runs:
-    """Polygons or run lengths of a COCO file on a photo of `size` (W, H). Raises ValueError with the fault."""
-    from pycocotools import mask as coco
-
-    width, height = size
-    if isinstance(segmentation, list):
-        try:
-            if segmentation and all(len(polygon) >= 6 for polygon in segmentation):
-                return dict(coco.merge(coco.frPyObjects(segmentation, height, width)))
-        except (TypeError, ValueError):
-            pass
-        raise ValueError("is no list of polygons with three points or more, x, y, x, y, ...")
-    if not isinstance(segmentation, dict) or segmentation.get("size") != [height, width]:
-        raise ValueError(f"is neither polygons nor run lengths of size [{height}, {width}]")
-    counts = segmentation.get("counts")
-    if isinstance(counts, str):
-        return {"size": [height, width], "counts": counts.encode()}
-    if not isinstance(counts, list) or not all(isinstance(n, int) and n >= 0 for n in counts):
-        raise ValueError("has run lengths that are not counts of pixels")
-    if sum(counts) != width * height:  # pycocotools reads beyond the end of too few
-        raise ValueError("has run lengths that do not fill the photo")
-    return dict(coco.frPyObjects(segmentation, height, width))
-
-
-@dataclass(frozen=True)
 class Pair:
-    """A photo's file and its truth: a label map, or the annotations of a COCO file."""
+    """A photo's file and its label map."""
 
     photo: Path
     truth: Path
-    coco: Annotations | None = None
     name: str = ""
     """Unique in the folder, and fit for a file."""
 
     def read(self) -> Truth:
         """Raises InputError where one of the files cannot be read, or their sizes differ."""
-        rgb = read_photo(self.photo).rgb
-        if self.coco is not None:
-            return self._annotated(self.coco, rgb)
-        labels = read_labels(self.truth)
+        rgb, labels = read_photo(self.photo).rgb, read_labels(self.truth)
         if labels.shape != rgb.shape[:2]:
-            raise self._size(labels.shape[1], labels.shape[0], rgb)
+            found = f"{labels.shape[1]} x {labels.shape[0]} px"
+            expected = f"differs from the {rgb.shape[1]} x {rgb.shape[0]} px of {self.photo.name}"
+            raise InputError.of(str(self.truth), found, expected, "make it the photo's size")
         ids = [i for i in np.unique(labels).tolist() if i not in (0, UNJUDGED)]
         return Truth(rgb, tuple(runs(labels == i) for i in ids), runs(labels == UNJUDGED))
-
-    def _size(self, width: int, height: int, rgb: NDArray[np.uint8]) -> InputError:
-        expected = f"differs from the {rgb.shape[1]} x {rgb.shape[0]} px of {self.photo.name}"
-        return InputError.of(str(self.truth), f"{width} x {height} px", expected, "make it the photo's size")
-
-    def _annotated(self, coco: Annotations, rgb: NDArray[np.uint8]) -> Truth:
-        from pycocotools import mask
-
-        size = rgb.shape[1], rgb.shape[0]
-        if coco.size is not None and coco.size != size:
-            raise self._size(*coco.size, rgb)
-        masks, crowds, problems = list[Runs](), [runs(np.zeros(rgb.shape[:2], np.bool_))], list[Problem]()
-        for k, region in enumerate(coco.regions):
-            try:
-                one = annotation_runs(region.get("segmentation"), size)
-            except ValueError as error:
-                found = f"annotation {region.get('id', k)}"
-                problems.append(
-                    Problem(Place(str(self.truth)), self.name, found, str(error), "export it again")
-                )
-                continue
-            (crowds if region.get("iscrowd") else masks).append(one)
-        if problems:
-            raise InputError(problems)
-        return Truth(rgb, tuple(masks), dict(mask.merge(crowds)))
-
-
-def annotated_photos(path: Path) -> list[Pair]:
-    """The photos of a COCO file, those without objects too. Raises InputError."""
-    fix = "give a COCO instances file with a list of images"
-    try:
-        data = json.loads(path.read_text(encoding="utf-8-sig"))
-        found = []
-        for image in data["images"]:
-            regions = tuple(one for one in data["annotations"] if one["image_id"] == image["id"])
-            size = (image["width"], image["height"]) if {"width", "height"} <= image.keys() else None
-            found.append(Pair(path.parent / image["file_name"], path, Annotations(size, regions)))
-    except (OSError, RecursionError, ValueError, LookupError, TypeError, AttributeError) as error:
-        reason = str(error).partition("\n")[0][:80]
-        raise InputError.of(str(path), "", f"is no COCO file ({reason})", fix) from None
-    if not found:
-        raise InputError.of(str(path), "", "names no photos", fix)
-    names = [one.photo for one in found]
-    twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
-    if twice:
-        raise InputError.of(str(path), f'"{twice[0].name}"', "is listed twice", "list each photo once")
-    return found
 
 
 def pairs(folder: Path) -> tuple[list[Pair], list[Problem]]:
     """By name, with warnings of photos and label maps without a partner. Raises InputError where there is no pair."""
     if not folder.exists():
         raise InputError.of(str(folder), "", "no such folder", "check the path")
-    if folder.is_file() and folder.suffix.lower() == ".json":
-        return _named(annotated_photos(folder), folder.parent), []
     if not folder.is_dir():
         raise InputError.of(str(folder), "", "is not a folder", "name the folder that holds the photos")
     found, warnings = list[Pair](), list[Problem]()
@@ -236,7 +151,7 @@ def _named(found: list[Pair], folder: Path) -> list[Pair]:
     """The pairs by name: a photo's path in the folder, or its own folder's where that holds one photo."""
     named = []
     for pair in found:
-        way = pair.photo.relative_to(folder) if pair.photo.is_relative_to(folder) else Path(pair.photo.name)
+        way = pair.photo.relative_to(folder)
         alone = pair.truth == pair.photo.parent / ASSETS
         parts = way.parent.parts or (folder.resolve().name,) if alone else way.with_suffix("").parts
         named.append(replace(pair, name=re.sub(r"[^\w.-]+", "-", "-".join(parts)).strip(".-") or "photo"))
