@@ -43,7 +43,6 @@ from physgen.perceive.inpaint.poisson import dilate
 from physgen.perceive.roles import SMALLEST_OBJECT, BoundaryGuess, PhotoObject
 from physgen.photos import read_channels
 from physgen.problems import InputError
-from physgen.scene.files import MAPS
 from physgen.scene.scene import MaskId
 
 U8 = NDArray[np.uint8]
@@ -63,11 +62,12 @@ LARGE = 4_000_000
 
 @dataclass(frozen=True)
 class Corrected:
-    """A correction: the new text, its name for the history, and the new object, if any."""
+    """A correction: the new text, its name for the history, the new object, and the folder of its maps, if any."""
 
     text: str
     what: str
     made: str | None = None
+    folder: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -90,60 +90,54 @@ class Painted:
 
 
 def correct(
-    live: Live,
-    text: str,
-    maps: Path | None,
-    op: Mapping[str, Any],
-    out: Path,
-    segmenter: PromptSegmenter | None = None,
+    live: Live, text: str, op: Mapping[str, Any], segmenter: PromptSegmenter | None = None
 ) -> Corrected:
-    """One operation on masks; see docs/editing.md. `out`, which does not exist yet, holds all maps afterwards.
+    """One operation on masks; see docs/editing.md. Where maps change, the new text names a new folder for all of them.
 
-    `maps` is the folder that stands in for the scene's assets now, None for its own. Unchanged maps are linked; where
-    no map changes there is no `out`. Raises EditError where it is impossible; then nothing is left behind.
+    Unchanged maps are linked. Raises EditError where it is impossible; then nothing is left behind.
     """
     parsed = parse_op(op)
+    out: Path | None = None
     try:
-        work = begin(live, text, maps)
+        work = begin(live, text)
         what = make(work, parsed, segmenter or PromptSegmenter())
-        folder = maps
         if work.masks or work.fresh:
-            _link_maps(work.scene.assets, out)
+            out = _linked_maps(work.scene.assets, live.path)
             _finish(work, out)
-            folder = out
         new = edited(work.text, work.ops).text
         new = without_guess_comments(new, [op["set"] for op in work.ops if "set" in op])
-        live.state(new, folder)
-    except InputError as error:
-        shutil.rmtree(out, ignore_errors=True)
-        problem = error.problems[0]
-        message = f"then {problem.path or 'the scene'} {problem.found} {problem.expected}"
-        raise impossible(message, problem.fix) from error
-    except BaseException:
-        shutil.rmtree(out, ignore_errors=True)
+        live.state(new)
+    except BaseException as error:
+        if out is not None:
+            shutil.rmtree(out, ignore_errors=True)
+        if isinstance(error, InputError):
+            problem = error.problems[0]
+            message = f"then {problem.path or 'the scene'} {problem.found} {problem.expected}"
+            raise impossible(message, problem.fix) from error
         raise
-    return Corrected(new, what, next(iter(work.fresh), None))
+    return Corrected(new, what, next(iter(work.fresh), None), out)
 
 
-def _link_maps(assets: Path | None, out: Path) -> None:
-    """The maps under a second name; copies where the disk is another."""
-    out.mkdir(parents=True)
-    for name in MAPS if assets is not None else ():
-        file = (assets or out) / f"{name}.png"
+def _linked_maps(assets: Path | None, path: Path) -> Path:
+    """A new folder beside the scene with all files of its assets under a second name, or copied to another disk."""
+    out, number = path.with_name(f"{path.stem}.assets"), 1
+    while out.exists():
+        number += 1
+        out = path.with_name(f"{path.stem}-{number}.assets")
+    out.mkdir()
+    for file in assets.iterdir() if assets is not None and assets.is_dir() else ():
         if file.is_file():
             try:
                 os.link(os.path.realpath(file), out / file.name)
             except OSError:
                 shutil.copyfile(file, out / file.name)
+    return out
 
 
 def _finish(work: Correction, out: Path) -> None:
     """Write the maps, and add the operations on the text that follow."""
-    scene = work.scene
     painted = _paint(work)
-    place = scene.places.get("assets")
-    if scene.assets is None or place is None or place.file != str(work.live.path):
-        work.ops.append({"set": ["assets"], "value": _free_assets(work.live.path)})
+    work.ops.append({"set": ["assets"], "value": out.name})
     objects = _photo_objects(work, painted)
     for name, one in objects.items():
         made = _entry(work, name, one, painted.labels)
@@ -155,14 +149,6 @@ def _finish(work: Correction, out: Path) -> None:
     for name in painted.stored.keys() - objects.keys():
         work.ops.append({"set": ["objects", name, "mask"], "value": painted.stored[name]})
     _write_maps(work, out, painted, list(objects.values()))
-
-
-def _free_assets(path: Path) -> str:
-    name, number = f"{path.stem}.assets", 1
-    while (path.parent / name).exists():
-        number += 1
-        name = f"{path.stem}-{number}.assets"
-    return name
 
 
 def _paint(work: Correction) -> Painted:

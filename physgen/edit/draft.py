@@ -1,39 +1,35 @@
 """The draft folder beside a scene: what is not saved yet, held by one editor at a time.
 
-`.NAME.editing/` holds `draft.json` with the newest text, copies of maps that were corrected (`maps-1`, ...), and the
-address of the editor. It is removed when the editor ends with everything saved; the next editor continues one that is
-left.
+`.NAME.editing/` holds `draft.json` with the newest text and the address of the editor. It is removed when the editor
+ends with everything saved; the next editor continues one that is left.
 """
 
 from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Collection
 from contextlib import suppress
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 from filelock import FileLock, Timeout
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from physgen.files import partial, write_atomic
 from physgen.problems import InputError
-from physgen.scene.files import MAPS
 
 
 class Unsaved(BaseModel):
-    """What draft.json holds. Formats 1 and 2 held the whole history."""
+    """What draft.json holds. Earlier formats held the whole history, or copies of maps."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
-    format: Literal[3] = 3
+    format: Literal[4] = 4
     text: str
-    maps: int
-    """Number of the copy of maps that belongs to the text."""
     saved: str
     """The text that the file held when it was read or written last."""
-    saved_maps: int
+    folders: list[Annotated[str, Field(pattern=r"^[^/\\]+\.assets$")]] = []
+    """Maps of corrections, beside the scene."""
 
 
 class BusyError(Exception):
@@ -97,26 +93,13 @@ class Draft:
         """Remove what is stored: everything is saved."""
         self._file.unlink(missing_ok=True)
 
-    def maps(self, number: int) -> Path:
-        """The folder of a copy of the maps."""
-        return self.folder / f"maps-{number}"
-
-    def new_maps(self) -> int:
-        """A number that no copy has yet."""
-        found = (path.name.removeprefix("maps-") for path in self.folder.glob("maps-*"))
-        return 1 + max((int(number) for number in found if number.isdecimal()), default=0)
-
     def listens(self, address: str) -> None:
         """Write the address of this editor."""
         write_atomic(self.folder / "address", address.encode())
 
-    def close(self, kept: Collection[int]) -> None:
-        """Release the folder with these copies of maps; without any it is removed."""
-        if kept:
-            for path in self.folder.glob("maps-*"):
-                if path.name not in {f"maps-{number}" for number in kept}:
-                    shutil.rmtree(path, ignore_errors=True)
-        else:
+    def close(self, keep: bool) -> None:
+        """Release the folder, and remove it unless it is to be kept."""
+        if not keep:
             shutil.rmtree(self.folder, ignore_errors=True)
         self.release()
 
@@ -144,30 +127,3 @@ def write_durably(path: Path, data: bytes) -> None:
         with suppress(OSError):
             beside.unlink()
         raise
-
-
-# Maps
-
-
-def same_maps(one: Path, other: Path) -> bool:
-    """Whether two folders hold the same maps, byte for byte."""
-    return all(map_bytes(one, name) == map_bytes(other, name) for name in MAPS)
-
-
-def map_bytes(folder: Path, name: str) -> bytes | None:
-    """A map's file; None where the folder has none of the name."""
-    path = folder / f"{name}.png"
-    return path.read_bytes() if path.is_file() else None
-
-
-def install(source: Path | None, folder: Path) -> None:
-    """Put the maps of `source`, and no others, into `folder`, each completely. Raises OSError."""
-    folder.mkdir(exist_ok=True)
-    for name in MAPS:
-        made, file = (source or folder) / f"{name}.png", folder / f"{name}.png"
-        if source is not None and made.is_file():
-            data = made.read_bytes()
-            if not (file.is_file() and file.read_bytes() == data):
-                write_durably(file, data)
-        elif os.path.lexists(file):
-            file.unlink()

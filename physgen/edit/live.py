@@ -346,17 +346,12 @@ class Live:
         self._motions: Recent[MotionStream] = Recent(MAX_MOTIONS)
         self._sights: Recent[CompiledScene] = Recent(4)
 
-    def look(
-        self, text: str, maps: Path | None = None, variant: str | None = None, *, motion_only: bool = False
-    ) -> Look:
-        """All that the page shows of a text, or its motion and problems alone, while the user drags something.
-
-        `maps` stand in for the scene's assets.
-        """
+    def look(self, text: str, variant: str | None = None, *, motion_only: bool = False) -> Look:
+        """All that the page shows of a text, or its motion and problems alone, while the user drags something."""
         with self._lock:
             begun = time.perf_counter()
             try:
-                known = self._mean(self._open(text, maps), variant)
+                known = self._mean(self._open(text), variant)
             except InputError as error:
                 rows = tuple(self._row(problem) for problem in error.problems)
                 return Look(rows, todo=tuple(todo(None, rows)))
@@ -402,24 +397,24 @@ class Live:
         with self._lock:
             return self._sights.get(key)
 
-    def state(self, text: str, maps: Path | None = None, variant: str | None = None) -> CompiledScene:
+    def state(self, text: str, variant: str | None = None) -> CompiledScene:
         """The scene of a text with its maps, compiled. Raises InputError."""
         with self._lock:
-            return self._mean(self._open(text, maps), variant)
+            return self._mean(self._open(text), variant)
 
-    def document(self, text: str, maps: Path | None = None) -> Data:
+    def document(self, text: str) -> Data:
         """The text as plain data, with what it extends and without any default. Raises InputError."""
         with self._lock:
-            return self._open(text, maps).document()
+            return self._open(text).document()
 
-    def _open(self, text: str, maps: Path | None) -> Opened:
+    def _open(self, text: str) -> Opened:
         def read() -> Opened:
-            return Opened(self.path, self.allow_outside, text=text, assets=maps)
+            return Opened(self.path, self.allow_outside, text=text)
 
-        opened = self._opened.of((text, maps), read)
+        opened = self._opened.of(text, read)
         if opened.stale():  # a file that it extends was written
-            self._opened.forget((text, maps))
-            opened = self._opened.of((text, maps), read)
+            self._opened.forget(text)
+            opened = self._opened.of(text, read)
         return opened
 
     def _mean(self, opened: Opened, variant: str | None) -> CompiledScene:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -85,11 +84,11 @@ class Correction:
         return "mass" in self.was(name) and "mass" not in table_keys(self.was(name))
 
 
-def begin(live: Live, text: str, maps: Path | None) -> Correction:
+def begin(live: Live, text: str) -> Correction:
     """A correction of a text begins. Raises EditError where the text is wrong, or shows no photo."""
     try:
-        sight = live.state(text, maps)
-        written = live.document(text, maps)
+        sight = live.state(text)
+        written = live.document(text)
     except InputError as error:
         raise impossible(f"the scene has an error: {error.problems[0]}", "mend it first") from error
     percepts = sight.percepts

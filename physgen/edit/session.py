@@ -8,7 +8,6 @@ import shutil
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,15 +15,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field
 
 from physgen.edit.corrections import correct
-from physgen.edit.draft import (
-    Draft,
-    Unsaved,
-    draft_folder,
-    install,
-    map_bytes,
-    same_maps,
-    write_durably,
-)
+from physgen.edit.draft import Draft, Unsaved, draft_folder, write_durably
 from physgen.edit.errors import EditError, Why, impossible
 from physgen.edit.live import Live, Pictures, mask_png, photo_png
 from physgen.edit.masks import PromptSegmenter
@@ -33,7 +24,7 @@ from physgen.edit.yaml_edit import marked, without_guess_comments
 from physgen.files import back_up, file_stamp
 from physgen.problems import InputError
 from physgen.scene.document import MAX_BYTES, decode
-from physgen.scene.files import MAPS, RefusedError, confined, scene_bytes
+from physgen.scene.files import scene_bytes
 
 PAUSE = 5.0
 """s after which an edit is a step of its own, whatever its tag."""
@@ -54,11 +45,9 @@ Send = Callable[[Data], None]
 
 @dataclass(frozen=True)
 class State:
-    """What an edit changes: the file's text, and which copy of its maps belongs to it."""
+    """The file's text after an edit. Corrections write maps into new folders, which the text names."""
 
     text: str
-    maps: int = 0
-    """Number of the folder of maps in the draft; 0: those that the scene had in the beginning."""
     what: str = ""
     """The edit that led here, for the undo button: `push cue-ball`."""
     tag: str | None = None
@@ -151,14 +140,13 @@ class Session:
         except InputError:
             self.draft.release()
             raise
-        self.saved = State(text)
+        self.saved = text
         """What the file held when it was read or written last."""
-        states = [self.saved]
-        if found is not None and (found.text, found.maps) != (found.saved, found.saved_maps):
-            self.saved = State(found.saved, found.saved_maps)
-            self._undo_half_a_save(found)
-            states = [State(found.saved if gone else text, found.saved_maps)]
-            states.append(State(found.text, found.maps, "the edits of last time"))
+        states = [State(text)]
+        self._folders: list[str] = []
+        if found is not None and found.text != found.saved:
+            self.saved, self._folders = found.saved, found.folders
+            states = [State(found.saved if gone else text), State(found.text, "the edits of last time")]
         self.history = History(states)
         self._look_outside()
         self.recovered = not self.is_saved
@@ -166,16 +154,6 @@ class Session:
         self.live = Live(path, allow_outside)
         self.pictures = Pictures(self.live)
         self._stamp = self._read = file_stamp(self.real)
-
-    def _undo_half_a_save(self, found: Unsaved) -> None:
-        """Where an editor was killed between the maps and the text: the maps of the text that the file holds."""
-        with suppress(EditError, OSError):
-            folder = _assets(found.saved, self.path.absolute().parent, self.allow_outside)
-            before, after = self.draft.maps(found.saved_maps), self.draft.maps(found.maps)
-            if folder is None or before == after or not (before.is_dir() and after.is_dir()):
-                return
-            if same_maps(folder, after):
-                install(before, folder)
 
     @property
     def now(self) -> State:
@@ -189,16 +167,16 @@ class Session:
 
     @property
     def _nothing_made(self) -> bool:
-        return (self.now.text, self.now.maps) == (self.saved.text, self.saved.maps)
+        return self.now.text == self.saved
 
     def close(self) -> Path | None:
         """End. Returns the draft's folder where something is not saved."""
         with self._edits:
-            if self.is_saved:
-                self.draft.close(())
-                return None
-            self.draft.close({self.now.maps, self.saved.maps})
-            return self.draft.folder
+            for name in self._folders:
+                if name not in self.saved and (self.is_saved or name not in self.now.text):
+                    shutil.rmtree(self.path.with_name(name), ignore_errors=True)
+            self.draft.close(keep=not self.is_saved)
+            return None if self.is_saved else self.draft.folder
 
     # What the page shows
 
@@ -206,7 +184,7 @@ class Session:
         """All that the page shows of the present state, in a variant or in the file itself."""
         with self._edits:
             history = self.history
-            text, maps = self._present()
+            text = self.now.text
             known: Data = {
                 "version": history.version,
                 "file": {
@@ -223,7 +201,7 @@ class Session:
                 "redo": history.redo,
                 "made": None,
             }
-        look = self.live.look(text, maps, variant)
+        look = self.live.look(text, variant)
         return known | {name: getattr(look, name) for name in LOOK_KEYS}
 
     def variants(self) -> list[str]:
@@ -237,20 +215,11 @@ class Session:
 
     def photo(self) -> bytes:
         """PNG of the photo. Raises InputError."""
-        with self._edits:
-            text, maps = self._present()
-        return photo_png(self.live.state(text, maps, None))
+        return photo_png(self.live.state(self.now.text))
 
     def mask(self, variant: str | None, name: str) -> bytes:
         """PNG of the photo's size: 255 where an object is. Raises EditError."""
-        with self._edits:
-            text, maps = self._present()
-        return mask_png(self.live.state(text, maps, variant), name)
-
-    def _present(self) -> tuple[str, Path | None]:
-        """The text and the folder of its maps; None: the scene's own, which another program may change."""
-        now = self.now
-        return now.text, None if now.maps == self.saved.maps else self.draft.maps(now.maps)
+        return mask_png(self.live.state(self.now.text, variant), name)
 
     # Edits
 
@@ -262,41 +231,38 @@ class Session:
             text = made.text
             if not request.variant:
                 text = without_guess_comments(text, [op.set for op in ops if isinstance(op, SetOp)])
-            self._push(request, text, now.maps, made.what)
+            self._push(request, text, made.what)
         return self.state(request.variant)
 
     def preview(self, request: EditRequest, ops: Sequence[Op | Mapping[str, Any]]) -> Data:
         """The motion that operations would give, without making them. Raises EditError."""
         with self._edits:
-            self._current(request)
-            text, maps = self._present()
+            text = self._current(request).text
         made = edited(text, ops, request.variant)
-        look = self.live.look(made.text, maps, request.variant, motion_only=True)
+        look = self.live.look(made.text, request.variant, motion_only=True)
         return {"motion": look.motion, "problems": look.problems}
 
     def write(self, request: EditRequest, text: str) -> Data:
         """Replace the text, by a valid one or not. Raises EditError."""
         with self._edits:
-            now = self._current(request)
+            self._current(request)
             text = text.removeprefix("\ufeff")
             if self._crlf and "\r" not in text:  # fields of a page have no carriage returns
                 text = text.replace("\n", "\r\n")
-            self._push(request, text, now.maps, "edit the YAML")
+            self._push(request, text, "edit the YAML")
         return self.state(request.variant)
 
     def correct(self, request: EditRequest, op: Mapping[str, Any]) -> Data:
         """Correct a mask, and what follows from it. Raises EditError."""
         with self._edits:
-            now = self._current(request)
-            text, maps = self._present()
-            self._keep_maps(anew=now.maps == self.saved.maps)
-            number = self.draft.new_maps()
-            out = self.draft.maps(number)
+            made = correct(self.live, self._current(request).text, op, self._segmenter)
+            if made.folder is not None:
+                self._folders.append(made.folder.name)
             try:
-                made = correct(self.live, text, maps, op, out, self._segmenter)
-                self._push(request, made.text, number if out.is_dir() else now.maps, made.what)
+                self._push(request, made.text, made.what)
             except BaseException:
-                shutil.rmtree(out, ignore_errors=True)
+                if made.folder is not None:
+                    shutil.rmtree(made.folder, ignore_errors=True)
                 raise
         return self.state(request.variant) | {"made": made.made}
 
@@ -317,14 +283,14 @@ class Session:
             raise EditError(Why.STALE, message, fix, {"version": version})
         return self.now
 
-    def _push(self, request: EditRequest, text: str, maps: int, what: str) -> None:
-        if (text, maps) == (self.now.text, self.now.maps):
+    def _push(self, request: EditRequest, text: str, what: str) -> None:
+        if text == self.now.text:
             return
         if len(text.encode()) > MAX_BYTES:
             message = "the file would be larger than 8 MiB"
             raise EditError(Why.TOO_LARGE, message, "keep pixels in image files")
         tag = None if request.tag is None else f"{request.variant or ''} {request.tag}"
-        self._add(State(text, maps, request.what or what, tag, time.time()))
+        self._add(State(text, request.what or what, tag, time.time()))
         self._changed()
 
     def _add(self, state: State) -> None:
@@ -334,8 +300,7 @@ class Session:
 
     def _store(self, state: State) -> None:
         """Write a state to the draft before it is answered."""
-        saved = self.saved
-        self.draft.store(Unsaved(text=state.text, maps=state.maps, saved=saved.text, saved_maps=saved.maps))
+        self.draft.store(Unsaved(text=state.text, saved=self.saved, folders=self._folders))
 
     def _changed(self) -> None:
         self._send({"type": "version", "version": self.history.version, "saved": self.is_saved})
@@ -368,74 +333,30 @@ class Session:
         if resolve == "theirs":
             self._take(theirs)
         else:
-            if theirs is not None and theirs != self.saved.text:
+            if theirs is not None and theirs != self.saved:
                 if resolve is None:
                     self.outside = "changed"
                     message = "another program changed the file"
                     raise EditError(Why.STALE, message, "reload it, or overwrite it", {"conflict": True})
                 mine = self.now  # theirs is one undo away
-                self._add(State(theirs, mine.maps, BY_OTHERS))
+                self._add(State(theirs, BY_OTHERS))
                 self._add(replace(mine, what="keep mine over another program's", tag=None))
-            self._write()
+            write_durably(self.real, (codecs.BOM_UTF8 if self._bom else b"") + self.now.text.encode())
+            self._set_saved(self.now.text)
         self._changed()
 
     def _take(self, theirs: str | None) -> None:
         """Make the text on the disk the newest state. Raises EditError."""
         if theirs is None:
             raise impossible("the file is gone", "save, and it is there again")
-        if (theirs, self.saved.maps) != (self.now.text, self.now.maps):
-            self._add(State(theirs, self.saved.maps, BY_OTHERS))
-        self._set_saved(State(theirs, self.saved.maps))
+        if theirs != self.now.text:
+            self._add(State(theirs, BY_OTHERS))
+        self._set_saved(theirs)
 
-    def _set_saved(self, saved: State) -> None:
+    def _set_saved(self, saved: str) -> None:
         self.saved, self.outside = saved, None
         self.history.end_step()
         self.draft.clear()
-
-    def _write(self) -> None:
-        """Write maps and text, both or neither."""
-        now = self.now
-        if now.maps == self.saved.maps:
-            self._write_text()
-        else:
-            folder = _assets(now.text, self.path.absolute().parent, self.allow_outside)
-            if folder is None:
-                raise impossible("the text names no folder for its maps", "write assets: and a folder's name")
-            own = None
-            with suppress(EditError):
-                own = _assets(self.saved.text, self.path.absolute().parent, self.allow_outside)
-            if folder != own and any(os.path.lexists(folder / f"{name}.png") for name in MAPS):
-                fix = "name a folder that is not there yet, or that which the scene had"
-                raise impossible(f"assets: {folder.name} holds maps of something else", fix)
-            before, after = self._keep_maps(), self.draft.maps(now.maps)
-            for name in MAPS:  # what another program painted since is kept as NAME~
-                if map_bytes(folder, name) not in (None, map_bytes(before, name), map_bytes(after, name)):
-                    back_up(folder / f"{name}.png")
-            try:
-                install(self.draft.maps(now.maps), folder)
-                self._write_text()
-            except OSError:
-                with suppress(OSError):
-                    install(before, folder)
-                raise
-        self._set_saved(State(now.text, now.maps))
-
-    def _keep_maps(self, *, anew: bool = False) -> Path:
-        """A copy of the maps as they were saved last, for an undo; `anew`: as the scene's folder has them now."""
-        kept = self.draft.maps(self.saved.maps)
-        if anew or not kept.is_dir():
-            own = None
-            with suppress(EditError):
-                own = _assets(self.saved.text, self.path.absolute().parent, self.allow_outside)
-            beside = kept.with_name(f".{kept.name}")
-            shutil.rmtree(beside, ignore_errors=True)
-            install(own, beside)
-            shutil.rmtree(kept, ignore_errors=True)
-            beside.rename(kept)
-        return kept
-
-    def _write_text(self) -> None:
-        write_durably(self.real, (codecs.BOM_UTF8 if self._bom else b"") + self.now.text.encode())
 
     def look_outside(self) -> None:
         """Take in what another program did to the file, once it stayed the same from one call to the next."""
@@ -465,7 +386,7 @@ class Session:
         if theirs is None:
             self.outside = "gone"
             return "gone" if before != "gone" else None
-        if theirs == self.saved.text:
+        if theirs == self.saved:
             self.outside = None
             return "taken" if before is not None else None
         if self._nothing_made and before is None:
@@ -484,20 +405,3 @@ class Session:
         except (InputError, OSError):
             message = "another program wrote something that is no scene into the file"
             raise EditError(Why.STALE, message, "put the file right, then save") from None
-
-
-def _assets(text: str, home: Path, allow_outside: bool) -> Path | None:
-    """The folder that a text names for its maps. Raises EditError where a scene may not read there."""
-    node = marked(text).child("assets")
-    if node is None or not isinstance(node.value, str):
-        return None
-    try:
-        folder = confined(node.value, home, home, allow_outside)
-    except RefusedError as error:
-        raise impossible(f"assets {error.expected}, so its maps are not written", error.fix) from None
-    for name in MAPS:
-        if (folder / f"{name}.png").is_symlink():
-            raise impossible(
-                f"{name}.png is a link to a file elsewhere", "put a copy in its place, then save"
-            )
-    return folder

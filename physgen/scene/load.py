@@ -34,7 +34,7 @@ MAX_SET = 200_000
 class Opened:
     """A scene file that was read and checked, for any number of its variants.
 
-    While it is being edited, `text` is its future content, and `assets` the folder of its maps.
+    While it is being edited, `text` is its future content.
     """
 
     def __init__(
@@ -42,7 +42,6 @@ class Opened:
         path: str | os.PathLike[str],
         allow_outside: bool = False,
         text: str | None = None,
-        assets: Path | None = None,
     ) -> None:
         self.file = Path(os.fspath(path))
         name = os.fspath(path)
@@ -50,7 +49,7 @@ class Opened:
         self._stamps = {self.file: file_stamp(self.file)} if text is None else {}
         own = read_scene(self.file, name) if text is None else _draft(text, self._source)
         self._root = with_bases(own, self.file, allow_outside, self._stamps)
-        self._files = Files(allow_outside, assets)
+        self._files = Files(allow_outside)
         self.variants = tuple(name for name, _ in variants_of(self._root))
         self._own = Findings()
         _check(self._root, self._own, self._files)

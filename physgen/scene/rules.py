@@ -54,13 +54,10 @@ class Ground:
 
 
 class Files:
-    """Image files that a scene names, read once however many variants are checked, until they are written.
+    """Image files that a scene names, read once however many variants are checked, until they are written."""
 
-    While a scene is being edited, its maps are in the folder `assets`, wherever its file says they will be.
-    """
-
-    def __init__(self, allow_outside: bool, assets: Path | None = None) -> None:
-        self.allow_outside, self.assets = allow_outside, assets
+    def __init__(self, allow_outside: bool) -> None:
+        self.allow_outside = allow_outside
         self._sizes: dict[str, tuple[Stamp, tuple[int, int] | RefusedError]] = {}
 
     def size(self, path: Path) -> tuple[int, int]:
@@ -151,8 +148,6 @@ class _Rules:
         found = shown(node.value)
         try:
             folder = confined(str(node.value), home, home, self.files.allow_outside)
-            if self.files.assets is not None:
-                folder = home = self.files.assets
             if not folder.is_dir():
                 raise RefusedError("is not a folder", "write the folder of masks.png")
         except RefusedError as error:

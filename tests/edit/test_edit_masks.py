@@ -58,18 +58,16 @@ class Desk:
     def __init__(self, folder: Path) -> None:
         self.folder, self.path = folder, folder / "scene.yaml"
         self.live, self.text = Live(self.path), self.path.read_text()
-        self.maps: Path | None = None
         self.before = self.text
-        self.count = 0
 
     def do(self, **op: Any) -> Corrected:
-        self.count += 1
-        out = self.folder / f"maps-{self.count}"
-        made = correct(self.live, self.text, self.maps, op, out)
+        made = correct(self.live, self.text, op)
         self.before, self.text = self.text, made.text
-        if out.is_dir():
-            self.maps = out
         return made
+
+    @property
+    def maps(self) -> Path:
+        return self.folder / yaml.safe_load(self.text)["assets"]
 
     @property
     def names(self) -> list[str]:
@@ -79,12 +77,11 @@ class Desk:
         return yaml.safe_load(self.text)["objects"][name]
 
     def mask(self, name: str) -> np.ndarray:
-        data = mask_png(self.live.state(self.text, self.maps), name)
+        data = mask_png(self.live.state(self.text), name)
         return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) == 255
 
     def map(self, name: str) -> np.ndarray:
-        folder = self.maps or self.folder / "scene.assets"
-        return cv2.imread(str(folder / f"{name}.png"), cv2.IMREAD_UNCHANGED)
+        return cv2.imread(str(self.maps / f"{name}.png"), cv2.IMREAD_UNCHANGED)
 
     def changed_lines(self) -> list[str]:
         lines = difflib.unified_diff(self.before.split("\n"), self.text.split("\n"), n=0, lineterm="")
@@ -153,7 +150,7 @@ def test_a_box_mends_a_mask_and_all_that_follows_from_it(desk: Desk) -> None:
     far[60 - 40 : 60 + 41, 70 - 40 : 70 + 41] = False
     for name, before in old.items():
         assert np.array_equal(desk.map(name)[far], before[far]), name
-    assert bytes_of(desk.folder / "scene.assets") == assets, "the scene's own maps stay until it is saved"
+    assert bytes_of(desk.folder / "scene.assets") == assets, "the scene's own maps stay"
     lines = desk.text.split("\n")
     block_at = next(k for k, line in enumerate(lines) if line.startswith(f"  {block}:"))
     assert all(
@@ -185,7 +182,7 @@ def test_a_point_finds_what_was_not_found(desk: Desk) -> None:
     entry = desk.entry(made.made)
     assert entry["mass"] > 0
     assert entry["prompt"] == {"point": [170, 100]}
-    assert desk.live.look(desk.text, desk.maps).motion is not None
+    assert desk.live.look(desk.text).motion is not None
 
 
 def test_brush_and_eraser_paint_exactly_what_they_touch(desk: Desk) -> None:
@@ -275,7 +272,7 @@ def test_what_named_the_one_names_the_other_once_they_are_merged(desk: Desk) -> 
     }
     for left in ("joint rod", f"objects.{block}.velocity of fast", f"objects.{block}.motion of held"):
         assert left in made.what
-    assert desk.live.look(desk.text, desk.maps, "fast").motion is not None
+    assert desk.live.look(desk.text, "fast").motion is not None
 
 
 def test_split_halves_sum_to_the_whole(desk: Desk) -> None:
@@ -292,7 +289,6 @@ def test_split_halves_sum_to_the_whole(desk: Desk) -> None:
     masses = [desk.entry(name)["mass"] for name in (block, made.made)]
     assert sum(masses) == pytest.approx(20, rel=1e-3)
     assert masses[1] / 20 == pytest.approx(left.sum() / BLOCK.sum(), rel=1e-3)
-    assert desk.maps is not None
     assert (desk.maps / "background.png").read_bytes() == behind
     assert os.path.samefile(desk.maps / "background.png", desk.folder / "scene.assets" / "background.png")
     with pytest.raises(EditError, match="fewer than"):
@@ -313,7 +309,7 @@ def test_a_label_that_is_typed_sets_the_numbers_that_nobody_set(desk: Desk) -> N
     assert desk.entry(disc)["mass"] == 33
     assert desk.entry(disc)["label"] == "steel ball"
     assert "label" not in desk.entry(disc)["from"]
-    assert desk.maps is None
+    assert desk.maps.name == "scene.assets"
 
 
 def test_what_perception_said_of_a_number_goes_when_a_person_sets_it(desk: Desk) -> None:
@@ -361,13 +357,12 @@ def test_masks_in_the_file_become_pixels_where_they_are_painted(tmp_path: Path) 
     assert data["objects"]["disc"] == {"mask": 1, "density": 2}
     assert "# by hand" in desk.text
     assert "polygon: [[146, 83]" in desk.text
-    assert desk.maps is not None
     assert sorted(bytes_of(desk.maps)) == ["masks.png"]
-    mass = desk.live.look(desk.text, desk.maps).derived["objects"]["disc"]["mass"]  # type: ignore[index]
+    mass = desk.live.look(desk.text).derived["objects"]["disc"]["mass"]  # type: ignore[index]
     assert mass / 2 - area == pytest.approx((painted_ & ~before).sum(), rel=0.05), "mass follows area"
     desk.do(kind="eraser", object="block", strokes=[[146, 100]], radius=9)
     assert desk.map("masks").max() == 2
-    assert yaml.safe_load(desk.text)["assets"] == "scene.assets"
+    assert yaml.safe_load(desk.text)["assets"] == "scene-2.assets"
 
 
 def test_a_scripted_way_moves_along_with_the_centre(desk: Desk) -> None:

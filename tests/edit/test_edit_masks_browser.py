@@ -9,6 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+import yaml
 from desk import Desk, seated
 from numpy.typing import NDArray
 
@@ -29,7 +30,8 @@ def scene(copied: Callable[[str], Path]) -> Path:
 
 def stored(scene: Path, number: int = MASK) -> Bits:
     """Of the maps on disk."""
-    labels = cv2.imread(str(scene.parent / "photo.assets" / "masks.png"), cv2.IMREAD_UNCHANGED)
+    assets = yaml.safe_load(scene.read_text())["assets"]
+    labels = cv2.imread(str(scene.parent / assets / "masks.png"), cv2.IMREAD_UNCHANGED)
     return np.asarray(labels == number)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import stat
 import threading
 from collections.abc import Callable, Iterator
@@ -19,7 +18,7 @@ from served import Killable, Served
 
 from physgen.cli.edit import edit as _edit  # noqa: F401 the command imports without the server
 from physgen.cli.main import main
-from physgen.edit import session
+from physgen.edit.session import EditRequest, Session
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -178,132 +177,40 @@ def disc(tmp_path: Path) -> Path:
     return scene
 
 
-def eraser(served: Served, higher: float = 0) -> dict[str, Any]:
-    """In the middle of a thing, or some px above."""
-    name, thing = next(iter(served.look()["derived"]["objects"].items()))
-    x, y = thing["centre"]
-    strokes = [[x - 3, y - higher], [x + 3, y - higher]]
-    return {"kind": "eraser", "object": name, "strokes": strokes, "radius": 4}
-
-
-def erased(served: Served, higher: float = 0) -> dict[str, Any]:
-    """A mask that was corrected."""
-    answer = served.send("/api/mask", op=eraser(served, higher))
-    assert answer.status_code == 200, answer.text
-    return served.state
-
-
 def maps_of(folder: Path) -> dict[str, bytes]:
     return {file.name: file.read_bytes() for file in folder.iterdir()}
 
 
-def test_maps_are_saved_with_the_text_and_an_undo_brings_them_back(serving: Serve, disc: Path) -> None:
-    served = serving(disc)
-    assets = served.scene.with_name("photo.assets")
-    before = maps_of(assets)
-    text = served.look()["text"]
-    erased(served)
-    assert maps_of(assets) == before  # the draft alone has it
-    assert served.send("/api/save").status_code == 200
-    after = maps_of(assets)
-    assert after["masks.png"] != before["masks.png"]
-    served.send("/api/undo")
-    assert served.state["text"] == text
-    assert not served.state["file"]["saved"]
-    served.send("/api/save")
-    assert maps_of(assets) == before
-    served.send("/api/redo")
-    served.send("/api/save")
-    assert maps_of(assets) == after
+def test_maps_of_a_correction_are_a_folder_of_their_own_and_the_text_chooses(disc: Path) -> None:
+    home, text = disc.parent, disc.read_text()
+    before = maps_of(home / "photo.assets")
+    session = Session(disc)
 
+    def request() -> EditRequest:
+        return EditRequest(version=session.history.version)
 
-def test_maps_are_written_where_the_scene_may_read_them_and_over_no_others(
-    serving: Serve, disc: Path, tmp_path: Path
-) -> None:
-    served = serving(disc)
-    home = served.scene.parent
-    for victim in (tmp_path / "victim.assets", home / "other.assets"):
-        shutil.copytree(home / "photo.assets", victim)
-    (home / "link.assets").symlink_to(tmp_path / "victim.assets")
-    kept = {
-        folder: maps_of(folder)
-        for folder in (tmp_path / "victim.assets", home / "other.assets", home / "photo.assets")
-    }
-    erased(served)
-    for name in ("../victim.assets", str(tmp_path / "victim.assets"), "link.assets", "other.assets"):
-        text = served.state["text"].replace("assets: photo.assets", f"assets: {name}")
-        assert served.send("/api/text", "PUT", text=text).status_code == 200
-        answer = served.send("/api/save")
-        assert answer.status_code == 422
-        assert answer.json()["error"]["fix"]
-        assert {folder: maps_of(folder) for folder in kept} == kept
-        served.send("/api/undo")
-    (home / "photo.assets" / "masks.png").unlink()
-    (home / "photo.assets" / "masks.png").symlink_to(tmp_path / "victim.assets" / "masks.png")
-    served.send("/api/save")
-    assert served.send("/api/save").status_code == 422
-    assert maps_of(tmp_path / "victim.assets") == kept[tmp_path / "victim.assets"]
-
-
-def test_maps_and_text_are_written_both_or_neither(serving: Serve, disc: Path, monkeypatch) -> None:
-    served = serving(disc)
-    assets, text = served.scene.with_name("photo.assets"), served.scene.read_text()
-    before = maps_of(assets)
-    erased(served)
-    replace = Path.replace
-
-    def full(self: Path, target: Path) -> Path:
-        if target.name == "scene.yaml":
-            raise OSError(28, "No space left on device", str(target))
-        return replace(self, target)
-
-    monkeypatch.setattr(Path, "replace", full)
-    assert served.send("/api/save").status_code == 507
-    assert (maps_of(assets), served.scene.read_text()) == (before, text)
-    monkeypatch.undo()
-    assert served.send("/api/save").status_code == 200
-    assert maps_of(assets) != before
-
-
-def test_maps_that_another_program_painted_are_kept(serving: Serve, disc: Path) -> None:
-    served = serving(disc)
-    masks = served.scene.with_name("photo.assets") / "masks.png"
-    erased(served)
-    painted = masks.read_bytes() + b"\n"
-    masks.write_bytes(painted)
-    assert served.send("/api/save").status_code == 200
-    assert masks.read_bytes() != painted
-    assert masks.with_name("masks.png~").read_bytes() == painted
-
-
-def test_killed_between_maps_and_text_the_two_fit_when_it_is_opened_again(
-    serving: Serve, disc: Path, monkeypatch
-) -> None:
-    assets, text = disc.with_name("photo.assets"), disc.read_text()
-    before = maps_of(assets)
-    first = serving(disc)
-    erased(first)
-    mine = first.state["text"]
-    real, after = session.write_durably, disc.parent.with_name("after")
-
-    def cut(path: Path, data: bytes) -> None:
-        if path.name != "scene.yaml":
-            real(path, data)
-            return
-        shutil.copytree(path.parent, after, symlinks=True)
-        raise OSError(5, "cut")
-
-    monkeypatch.setattr(session, "write_durably", cut)
-    first.send("/api/save")
-    monkeypatch.undo()
-    assert maps_of(after / "photo.assets") != before  # as the power left it: new maps, old text
-    assert (after / "scene.yaml").read_text() == text
-    again = serving(after / "scene.yaml")
-    assert again.look()["text"] == mine
-    assert maps_of(after / "photo.assets") == before
-    again.send("/api/undo")
-    assert again.state["text"] == text
-    assert again.state["file"]["saved"]
+    for higher in (0, 6):
+        op = {
+            "kind": "eraser",
+            "object": "disc",
+            "strokes": [[37, 30 - higher], [43, 30 - higher]],
+            "radius": 4,
+        }
+        session.correct(request(), op)
+    assert "assets: scene-2.assets\n" in session.now.text
+    session.save(request())
+    assert disc.read_text() == session.now.text
+    assert maps_of(home / "scene-2.assets")["masks.png"] != before["masks.png"]
+    session.step(request(), -1)
+    assert session.close() is not None
+    assert (home / "scene.assets").is_dir()  # of the draft
+    session = Session(disc)
+    assert "assets: scene.assets\n" in session.now.text
+    session.write(request(), text)
+    session.save(request())
+    assert session.close() is None
+    assert maps_of(home / "photo.assets") == before
+    assert sorted(path.name for path in home.glob("*.assets")) == ["photo.assets"]
 
 
 # The command

@@ -58,7 +58,7 @@ def test_from_a_photo_to_a_saved_scene(
     # each cube is one of the studio's, which it rendered; before, both were one
     truth = cv2.imread(str(steps.PHOTO.parent / "photo.assets" / "masks.png"), cv2.IMREAD_UNCHANGED)
     truth = cv2.resize(truth, (SMALL, SMALL), interpolation=cv2.INTER_NEAREST)
-    mine = cv2.imread(str(tmp_path / "photo.assets" / "masks.png"), cv2.IMREAD_UNCHANGED)
+    mine = cv2.imread(str(load(scene).assets / "masks.png"), cv2.IMREAD_UNCHANGED)
     for cube in cubes:
         best = max(
             ((mine == cube.mask.id) & (truth == k)).sum() / ((mine == cube.mask.id) | (truth == k)).sum()
