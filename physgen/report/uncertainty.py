@@ -1,4 +1,4 @@
-"""The report section on uncertain numbers: paths and shares and outcomes of all draws."""
+"""The report section on uncertain numbers: paths and outcomes of all draws."""
 
 from __future__ import annotations
 
@@ -29,8 +29,6 @@ class SectionLimits:
     most_draws: int = 64
     most_points: int = 100_000
     """Draws whose paths are drawn, and points of all paths; further draws are left out."""
-    most_groups: int = 24
-    """Groups of objects with sentences; the tables have all."""
     path_error: float = 0.25
     """px of a canvas 640 px wide by which a drawn path may deviate."""
     visible: float = 0.01
@@ -39,7 +37,6 @@ class SectionLimits:
 
 LIMITS = SectionLimits()
 
-PLURAL = {Fate.STAYS: "stay", Fate.MOVES: "move", Fate.LEAVES: "leave the photo", Fate.FALLS: "fall"}
 UncertaintySection = dict[str, Any]
 """Variables of `fan.html.j2`."""
 
@@ -47,31 +44,19 @@ UncertaintySection = dict[str, Any]
 def uncertainty_section(fan: Ensemble, found: Sequence[Verdict], world: World) -> UncertaintySection:
     """`found` are the ensemble's verdicts.
 
-    `ways` are paths of bodies in draws, `own` those in the clip, `groups` bodies with equal sentences, `alike` those
-    with a certain outcome, `rows` the table.
+    `ways` are paths of bodies in draws, `own` those in the clip, `rows` the table.
     """
-    shown = fan.whole[
-        : max(2, min(LIMITS.most_draws, LIMITS.most_points // (len(fan.times) * max(len(fan.names), 1))))
-    ]
+    points = len(fan.times) * max(len(fan.names), 1)
+    shown = fan.whole[: max(2, min(LIMITS.most_draws, LIMITS.most_points // points))]
     ways = _paths(fan, shown, world)
-    groups, alike = _groups(found)
     fates = {way["fate"] for way in ways}
-    marks = []
-    for one in groups:
-        for name in one["names"]:
-            x, y, _ = fan.own_poses[0, fan.names.index(name)].tolist()
-            marks.append({"number": one["number"], "x": f"{x:.1f}", "y": f"{y:.1f}"})
     return {
         "headline": headline(fan, found),
         "facts": _facts(fan),
         "ways": ways,
         "own": [d for b in range(len(fan.names)) if (d := _path(fan.own_poses[:, b, :2], world))],
-        "marks": marks,
-        "faint": round(float(np.clip(2.4 / np.sqrt(max(len(shown), 1)), 0.28, 0.85)), 2),
         "shown": len(shown),
         "fates": [(f.name.lower(), VERBS[f]) for f in sorted(Fate, reverse=True) if f.name.lower() in fates],
-        "groups": groups,
-        "alike": alike,
         "rows": [_row(verdict) for verdict in found],
         "failures": [str(problem) for problem in fan.failures],
     }
@@ -112,36 +97,8 @@ def _path(points: Array, world: World) -> str:
         return ""
     error = LIMITS.path_error * max(world.size) / 640
     kept = cv2.approxPolyDP(np.ascontiguousarray(points, np.float32)[:, None], error, False)[:, 0]
-    return _path_data(kept if len(kept) > 1 else points[[0, -1]])
-
-
-def _path_data(points: NDArray[Any]) -> str:
+    points = kept if len(kept) > 1 else points[[0, -1]]
     return "M" + " ".join(f"{x:.1f},{y:.1f}" for x, y in points.tolist())
-
-
-def _groups(found: Sequence[Verdict]) -> tuple[list[dict[str, Any]], list[tuple[str, Sequence[str]]]]:
-    """Uncertain bodies first, then certain ones, equal outcomes in one line."""
-    apart = [v for v in found if not (v.decided and v.placed)]
-    apart.sort(key=lambda v: (v.decided, abs(v.share - 0.5), -v.radius / v.size))
-    groups: dict[Fate, list[str]] = {}
-    for v in found:
-        if v.decided and v.placed:
-            groups.setdefault(v.event, []).append(v.name)
-    same: dict[tuple[str, ...], list[Verdict]] = {}
-    for v in apart:
-        same.setdefault(tuple(v.sentences()), []).append(v)
-    found_groups: list[dict[str, Any]] = [
-        {"number": n, "names": [v.name for v in found if v in those], "lines": lines}
-        for n, (lines, those) in enumerate(list(same.items())[: LIMITS.most_groups], 1)
-    ]
-    alike: list[tuple[str, Sequence[str]]] = []
-    for fate in sorted(groups, reverse=True):
-        names = groups[fate]
-        total = found[0].total
-        verb = PLURAL[fate] if len(names) > 1 else VERBS[fate]
-        place = "" if fate is Fate.STAYS else ", with a certain final place"
-        alike.append((f"{verb} in all {total} draws{place}", names))
-    return found_groups, alike
 
 
 def _row(v: Verdict) -> dict[str, Any]:

@@ -91,8 +91,7 @@ def test_the_page_shows_every_draw(browser: Any, clip: Path) -> None:
         for fate, count in counts.items():
             assert section.locator(f".ways path.{fate}").count() == count
         assert section.locator(".own path").count() == 1, "of what moves in the clip"
-        assert f"in {counts['falls']} of {DRAWS} draws" in section.inner_text().replace("\u00a0", " ")
-        assert "block" in section.locator(".alike").inner_text()
+        assert "block" in section.locator("table").inner_text()
         assert seen.errors == []
 
 
