@@ -7,7 +7,6 @@ between its neighbours. Video px are those of the frames, photo px those of the 
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -30,9 +29,6 @@ PNG_LEVEL = 1
 """Of zlib: three times as fast as the usual 6, and files a fifth larger."""
 JPEG_QUALITY = 95
 """Errors of about 1 grey level."""
-SHORT_LIST = re.compile(r"\[\n\s+([^\[\]{}]*?)\n\s+\]")
-"""A JSON list without lists in it; strings of JSON have no line breaks of their own."""
-
 Codes = NDArray[np.integer[Any] | np.floating[Any]]
 """8- or 16-bit integers, as OpenCV's stubs have them."""
 
@@ -58,27 +54,10 @@ def jpeg(rgb: NDArray[np.uint8]) -> bytes | memoryview:
     return data.data
 
 
-def write_scale(folder: Path, scale: Mapping[str, object]) -> None:
-    """`scale.json`: the meaning of the integers in a folder's pictures. Raises OSError."""
-    (folder / "scale.json").write_text(json.dumps(scale, indent=1) + "\n", encoding="utf-8")
-
-
-def json_text(data: Any) -> str:
-    """Indented, a list of plain values on one line; numbers as short as they read back exactly.
-
-    >>> print(json_text({"a": [1, 0.5], "b": "[\\n 1]"}))
-    {
-     "a": [1, 0.5],
-     "b": "[\\n 1]"
-    }
-    """
-    text = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False)
-    return SHORT_LIST.sub(lambda found: "[" + re.sub(r",\n\s+", ", ", found[1]) + "]", text)
-
-
 def write_json(path: Path, data: Any) -> None:
-    """UTF-8."""
-    path.write_text(json_text(data) + "\n", encoding="utf-8")
+    """Indented, UTF-8; numbers as short as they read back exactly."""
+    text = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8")
 
 
 Array = NDArray[np.float64]

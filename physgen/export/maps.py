@@ -19,7 +19,7 @@ from physgen.export.correspondence import (
     spans,
     turns_in_space,
 )
-from physgen.export.labels import Clip, Moment, View, Writer, write_png, write_scale
+from physgen.export.labels import Clip, Moment, View, Writer, write_json, write_png
 from physgen.maps import Percepts
 from physgen.perceive.inpaint.poisson import dilate, harmonic_fill
 from physgen.photometry import decode
@@ -232,7 +232,7 @@ class Albedo(Writer):
         albedo = clip.maps.albedo
         ground = _ground(clip.maps, albedo, unknown_ground(clip))
         self._folder, self._layers = folder, Layers(clip, ground, parts_of(albedo, clip), albedo_codes)
-        write_scale(folder, {"at_0": 0.0, "at_65535": 1.0, "light": "linear"})
+        write_json(folder / "scale.json", {"at_0": 0.0, "at_65535": 1.0, "light": "linear"})
 
     def add(self, moment: Moment) -> None:
         """One file a frame."""
@@ -261,7 +261,7 @@ class Depth(Writer):
         depth = clip.maps.depth
         ground = np.clip(filled(depth, unknown_ground(clip)), low, high)
         self._layers = Layers(clip, ground, parts_of(depth, clip), encode)
-        write_scale(folder, {"at_0": low, "at_65535": high, "larger": "farther"})
+        write_json(folder / "scale.json", {"at_0": low, "at_65535": high, "larger": "farther"})
 
     def add(self, moment: Moment) -> None:
         """One file a frame."""
@@ -284,8 +284,8 @@ class Normals(Writer):
         assert clip.maps.normals is not None
         self._folder, self._world = folder, clip.world
         self._start = photo_view(clip.trajectory, clip.world).poses
-        write_scale(
-            folder,
+        write_json(
+            folder / "scale.json",
             {
                 "zero": CODES.zero,
                 "one": CODES.zero + CODES.unit,

@@ -384,7 +384,7 @@ class _Run:
         name = "video" if record.frames else "unrefined"
         made = [kind.named(name) for kind in kinds if record.frames or kind is kinds[0]]
         if self.options.single_file:
-            shown = embedded_film(folder, made, scene.render.fps, scene.name)
+            shown = embedded_film(folder, made, scene.name)
         else:
             shown = linked_film(folder, made)
         if scene.render.overlay or not shot.opens_on_photo:  # the page draws on the photo itself

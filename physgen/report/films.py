@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from physgen.export.video import Format, open_video, sample_frames
+from physgen.export.video import sample_frames
 from physgen.problems import Place, Problem, Severity
 from physgen.report.html import data_uri, encoded, fitted
 
@@ -50,11 +48,11 @@ def linked_film(folder: Path, made: Sequence[str]) -> Film:
     return Film(f"{name}/00000.png", False, f"{name}/00000.png", f"{name}/")
 
 
-def embedded_film(folder: Path, made: Sequence[str], fps: float, title: str) -> Film:
-    """The same inside the page, saved as `title`; frames of a folder become a video at `fps`, 1/s."""
+def embedded_film(folder: Path, made: Sequence[str], title: str) -> Film:
+    """The same inside the page, saved as `title`; of a folder of frames, the one in the middle."""
     name = _best(made)
     if "." not in name:
-        return Film(data_uri(_video_of(folder / name, fps), ".mp4"), True, f"{title}.mp4")
+        return Film(data_uri(poster(folder / name / "00000.png"), ".webp"), False, f"{title}.webp")
     ending = Path(name).suffix
     return Film(data_uri((folder / name).read_bytes(), ending), ending == ".mp4", f"{title}{ending}")
 
@@ -70,18 +68,6 @@ def size_warning(page: Path, fix: str) -> Problem | None:
 
 def _best(made: Sequence[str]) -> str:
     return min(made, key=lambda name: (*BEST, Path(name).suffix).index(Path(name).suffix))
-
-
-def _video_of(frames: Path, fps: float) -> bytes:
-    """An MP4 of the PNG files of a folder."""
-    files = sorted(frames.glob("*.png"))
-    with TemporaryDirectory() as place:
-        with ExitStack() as film:
-            size = Image.open(files[0]).size
-            write = film.enter_context(open_video(Path(place), Format.MP4, size, fps))
-            for file in files:
-                write(_rgb(file))
-        return (Path(place) / Format.MP4.file).read_bytes()
 
 
 def _rgb(file: Path) -> U8:

@@ -23,7 +23,6 @@ from physgen.report.html import jpeg, script_json, template
 from physgen.report.parameters import (
     COLUMNS,
     arrows,
-    constraint_drawing,
     constraint_rows,
     edits,
     line,
@@ -51,8 +50,6 @@ class PageLimits:
     """Of a scene file that is shown with line numbers."""
     most_contacts: int = 200
     """Rows of the table of contacts, the strongest."""
-    slice_colours: int = 8
-    """Of the bar of stages; further stages repeat them."""
 
 
 LIMITS = PageLimits()
@@ -118,7 +115,6 @@ def report_page(
         data=None if player is None else script_json(player),
         script=_script(),
         arrows=[line(kind, tail, tip, title) for kind, tail, tip, title in arrows(world)],
-        held=constraint_drawing(scene, world),
         holds=constraint_rows(scene),
         warnings=[str(warning["text"]) for warning in record.warnings],
         world=_world_facts(scene, world),
@@ -248,21 +244,6 @@ def _played(render: Render) -> str:
 
 
 @dataclass(frozen=True)
-class Slice:
-    """One stage of the bar of run times."""
-
-    name: str
-    wall: str
-    """s, as text."""
-    cpu: str
-    percent: float
-    """Of the wall time of all stages."""
-    begin: float
-    """%: its place on the bar."""
-    colour: int
-
-
-@dataclass(frozen=True)
 class SourceText:
     """A text with a button to copy it."""
 
@@ -281,13 +262,7 @@ def provenance(record: RunRecord, resolved: str, written: str | None = None) -> 
     separator = "" if texts else ","
     texts.append(_source_text(f"Scene file{separator} with every default filled in", resolved))
     timed = [(name, stage) for name, stage in record.stages.items() if name != "report"]  # this page
-    wall = sum(stage.wall for _, stage in timed)
-    stages, begin = [], 0.0
-    for k, (name, stage) in enumerate(timed):
-        percent = 100 * stage.wall / (wall or 1.0)
-        times = f"{stage.wall:.2f}", f"{stage.cpu:.2f}"
-        stages.append(Slice(name, *times, round(percent, 3), round(begin, 3), k % LIMITS.slice_colours))
-        begin += percent
+    stages = [(name, f"{stage.wall:.2f}", f"{stage.cpu:.2f}") for name, stage in timed]
     facts = [
         ("platform", f"{platform.system()}, {platform.machine()}"),
         ("peak memory", f"{peak_memory() / 2**20:,.0f} MiB"),
@@ -300,7 +275,7 @@ def provenance(record: RunRecord, resolved: str, written: str | None = None) -> 
         "command": shlex.join(record.command),
         "texts": texts,
         "stages": stages,
-        "wall": f"{wall:.2f}",
+        "wall": f"{sum(stage.wall for _, stage in timed):.2f}",
         "facts": facts,
         "edits": record.overrides,
         "versions": versions(record.refine),

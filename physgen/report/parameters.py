@@ -16,8 +16,8 @@ from physgen.scene.scene import Field, FieldKind, Joint, JointKind, Load, Motion
 
 Array = NDArray[np.float64]
 
-WIND_ARROW, PIN, LONGEST_ARROW = 0.1, 0.006, 0.14
-"""Of the canvas's diagonal: length of a wind's arrow, radius of a pin, and length of the longest other arrow."""
+LONGEST_ARROW = 0.14
+"""Of the canvas's diagonal."""
 COLUMNS = {
     "shape": "",
     "mass": "g",
@@ -74,36 +74,6 @@ def line(kind: str, start: Array, end: Array, title: str) -> dict[str, Any]:
     """A line of the template."""
     x1, y1, x2, y2 = (round(float(v), 1) for v in (*start, *end))
     return {"kind": kind, "title": title, "x1": x1, "y1": y1, "x2": x2, "y2": y2}
-
-
-def constraint_drawing(scene: Scene, world: World) -> dict[str, list[dict[str, Any]]]:
-    """`lines`, `dots` and `arrows` of joints and fields at t = 0, px."""
-    diagonal = float(np.hypot(*scene.size))
-    centers = {body.name: body.center for body in world.bodies}
-    lines, dots, winds = [], [], []
-
-    def dot(kind: str, at: Sequence[float], part: float, title: str) -> dict[str, Any]:
-        x, y = (round(float(v), 1) for v in at[:2])
-        return {"kind": kind, "x": x, "y": y, "r": round(max(part * diagonal, 1.0), 1), "title": title}
-
-    for joint in scene.joints:
-        title = f"{joint.name}: {joint.kind.value}, {_partners(joint)}"
-        points = [np.array(point) for point in joint.points]
-        if joint.kind is JointKind.SPRING:
-            lines.append(line("spring", points[0], points[1], title))
-        else:
-            lines += [line("rod", points[0], centers[name], title) for name in joint.objects]
-        dots += [dot("pin", point, PIN, title) for point in joint.points]
-    blowing = [field for field in scene.fields if field.kind is FieldKind.WIND]
-    for k, wind in enumerate(blowing):
-        vector = np.array(wind.vector)
-        half = vector / max(float(np.hypot(*vector)), 1e-12) * WIND_ARROW * diagonal / 2
-        middle = np.array([0.12 * scene.size[0], scene.size[1] * (0.5 + k) / len(blowing)])
-        winds.append(line("wind", middle - half, middle + half, f"{wind.name}: {_strength(wind)}"))
-    for field in scene.fields:
-        if field.kind is FieldKind.ATTRACTOR:
-            dots.append(dot("attractor", field.vector, 2 * PIN, f"{field.name}: {_strength(field)}"))
-    return {"lines": lines, "dots": dots, "arrows": winds}
 
 
 def constraint_rows(scene: Scene) -> list[dict[str, str]]:

@@ -10,7 +10,6 @@ import colorsys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import hypot
 from typing import Any
 
 import cv2
@@ -22,7 +21,7 @@ from physgen.compile.world import body_in_photo
 from physgen.maps import Percepts
 from physgen.perceive.document import written_suitability
 from physgen.photometry import DistantLight, encode_u8, sphere_normals
-from physgen.render.drawing import Colour, Layer, circle, straight_arrow, text_width
+from physgen.render.drawing import Colour, Layer
 from physgen.report.html import fitted, webp
 from physgen.scene.scene import Light, MaskId, Scene, View
 
@@ -34,11 +33,7 @@ SIDE, PAIR_SIDE = 480, 800
 """px: longer side of a picture, and of those that slide over each other, at most."""
 QUALITY, PAIR_QUALITY = 74, 78
 """Of WebP."""
-LETTER = 20
-"""px, of names: pages show pictures at less than half their size."""
 SUPPORT: Colour = (255, 196, 0)
-SUN: Colour = (255, 205, 64)
-WHITE: Colour = (255, 255, 255)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,8 +85,8 @@ class Perception:
     comparisons: tuple[Comparison, ...]
 
 
-Outlines = Sequence[tuple[str, int, Sequence[Array]]]
-"""Name, number of the colour, and closed rings (K, 2) px of each object."""
+Outlines = Sequence[tuple[int, Sequence[Array]]]
+"""Number of the colour, and closed rings (K, 2) px of each object."""
 
 
 def perception(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Perception | None:
@@ -100,7 +95,7 @@ def perception(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Perce
         return None
     world = compiled.world
     objects = [
-        (body.name, k, [ring + body.center for ring in body.rings])
+        (k, [ring + body.center for ring in body.rings])
         for k, body in enumerate(map(body_in_photo, world.bodies), 1)
     ]
     walls = [chain for wall in world.walls for chain in wall.chains]
@@ -179,7 +174,7 @@ def _map_pictures(maps: Percepts, light: Light | None) -> list[Picture]:
     if light is not None:
         height, width = fitted(maps.rgb, SIDE).shape[:2]
         text = light_description(light)
-        alt = f"A shaded sphere with an arrow. {text}"
+        alt = f"A shaded sphere. {text}"
         found.append(_picture("light", "Light", text, light_picture(light, (width, height)), alt))
     return found
 
@@ -224,24 +219,17 @@ def _shadows(rgb: U8, objects: U16) -> U8:
 
 
 def _outlined(picture: U8, scale: float, objects: Outlines, walls: Sequence[Array]) -> U8:
-    """Outlines in the colours of the masks, names where there is room, boundaries in yellow."""
+    """Outlines in the colours of the masks, boundaries in yellow."""
     size = picture.shape[1], picture.shape[0]
-    dim, names, lines = _u8(0.62 * picture.astype(np.float32)), Layer(size, 0.8), Layer(size, 0.8)
+    dim, lines = _u8(0.62 * picture.astype(np.float32)), Layer(size, 0.8)
     for chain in walls:
         lines.line((chain + 0.5) * scale - 0.5, 2.2)
     lines.onto(dim, SUPPORT)
-    for name, number, rings in objects:
+    for number, rings in objects:
         layer = Layer(size, 0.6)
-        placed = [(ring + 0.5) * scale - 0.5 for ring in rings]
-        for ring in placed:
-            layer.line(ring, 1.6, closed=True)
+        for ring in rings:
+            layer.line((ring + 0.5) * scale - 0.5, 1.6, closed=True)
         layer.onto(dim, colour(number))
-        points = np.concatenate(placed)
-        low, high = points.min(axis=0), points.max(axis=0)
-        if high[0] - low[0] > text_width(name, LETTER) + 4 and high[1] - low[1] > LETTER + 3:
-            x, y = ((low + high) / 2).tolist()
-            names.words(name, (x, y), LETTER)
-    names.onto(dim, WHITE)
     return dim
 
 
@@ -277,26 +265,11 @@ def light_description(light: Light) -> str:
 
 
 def light_picture(light: Light, size: tuple[int, int]) -> U8:
-    """(h, w, 3) of `size` (w, h): a white ball in the light, and an arrow from the light's direction."""
+    """(h, w, 3) of `size` (w, h): a white ball in the light."""
     width, height = size
     radius, center = 0.26 * min(size), np.array([(width - 1) / 2, (height - 1) / 2])
     normals, inside = sphere_normals(height, width, (float(center[0]), float(center[1])), radius)
     lamp = DistantLight(light.direction, light.intensity, light.ambient)
     shades = 0.86 * lamp.shade(normals) / max(light.ambient + light.intensity, 1e-6)
     linear = np.where(inside, np.maximum(shades, 0.012), 0.04).astype(np.float32)
-    card = np.repeat(encode_u8(linear)[..., None], 3, 2)
-    way, toward = np.array(light.direction[:2]), light.direction[2]
-    flat = float(hypot(*way))
-    layer, pen = Layer(size, 1.0), max(2.0, min(size) / 90)
-    if flat > 0.12:
-        tail, tip = center + 1.75 * radius * way, center + 1.12 * radius * way
-        if toward < 0:  # it ends behind the ball's rim
-            tip = center + way / flat * max(1.12 * flat, 1.04) * radius
-            tail = tip + way / flat * max(0.63 * flat, 0.3) * radius
-        straight_arrow(layer, tail, tip, pen)
-    else:  # straight towards the viewer, or away
-        layer.line(circle(center + radius * way, 4.2 * pen), pen, closed=True)
-        if toward > 0:
-            layer.area(circle(center + radius * way, 1.3 * pen))
-    layer.onto(card, SUN)
-    return card
+    return np.repeat(encode_u8(linear)[..., None], 3, 2)

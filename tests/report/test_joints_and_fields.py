@@ -47,9 +47,6 @@ def test_the_page_shows_them(tmp_path: Path) -> None:
         SCENE,
         PageParts(),
     )
-    assert page.count('<line class="joint ') == 4
-    assert page.count('<circle class="joint ') == 5
-    assert page.count('<line class="arrow wind"') == 2
     assert len(re.findall(r'<polyline class="wall" points="[^"]+"><title>frame', page)) == 1
     assert "<h2>Joints and fields</h2>" in page
     assert "<td><b>tow</b></td><td>spring</td><td>bob and car</td>" in page
@@ -67,4 +64,3 @@ def test_the_page_shows_them(tmp_path: Path) -> None:
         PageParts(),
     )
     assert "Joints and fields" not in page
-    assert "tip-wind" not in page

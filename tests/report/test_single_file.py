@@ -33,7 +33,7 @@ def alone(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_alone_it_opens_and_asks_for_nothing(browser: Any, alone: Path) -> None:
-    page = alone / "png.html"  # frames of a folder come as a video
+    page = alone / "mp4.html"
     with opened(browser, page) as seen:
         seen.page.wait_for_function("() => document.querySelector('video').readyState >= 2")
         assert not seen.page.is_visible("[data-part=missing]")
@@ -54,6 +54,6 @@ def test_the_best_film_is_shown(tmp_path: Path) -> None:
     assert linked_film(tmp_path, ["video.gif", "frames", "video.mp4"]).source == "video.mp4"
     assert linked_film(tmp_path, ["frames", "video.gif"]).name == "video.gif"
     assert linked_film(tmp_path, ["frames"]).source == "frames/00000.png"
-    film = embedded_film(tmp_path, ["frames", "video.gif", "video.webp"], 30, "name")
+    film = embedded_film(tmp_path, ["frames", "video.gif", "video.webp"], "name")
     assert film.source == "data:image/webp;base64," + base64.b64encode(b"film").decode()
     assert (film.plays, film.name) == (False, "name.webp")
