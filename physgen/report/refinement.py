@@ -29,21 +29,8 @@ COLUMNS, PANEL, GAP = 6, 300, 8
 """Moments of the strip of frames, and px: the longer side of each at most, and white between them."""
 GAIN = 4
 """Times the changes that the strip shows, about a middle grey."""
-HANDLED_KEYS = frozenset(
-    (
-        "backend",
-        "steps",
-        "steps_run",
-        "steps_fused",
-        "windows",
-        "size",
-        "changes",
-        "strip",
-        "failed",
-        *REFINING,
-    )
-)
-"""Keys of `RunRecord.refine` that have sentences of their own, or are shown elsewhere."""
+ELSEWHERE = {"changes", "strip", "failed", *REFINING}
+"""Keys of `RunRecord.refine` that are shown elsewhere."""
 
 
 class RefinementChanges:
@@ -155,18 +142,7 @@ def _change_rows(found: Mapping[str, float | None]) -> list[tuple[str, str]]:
 
 def _facts(note: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Backend and settings."""
-    rows = [("backend", str(note["backend"]))]
-    if "steps_run" in note:
-        steps = f"{note['steps_run']} of {note['steps']} run, {note['steps_fused']} of them fused with the guidance"
-        rows.append(("steps", steps))
-    if "windows" in note:
-        spans = [f"{first}..{last - 1}" for first, last in note["windows"]]
-        rows.append(("windows of latent frames", ", ".join(spans)))
-    if "size" in note:
-        rows.append(("frames shown to the model", "{} × {} px".format(*note["size"])))
-    rows += [
-        (name.replace("_", " "), _text(value)) for name, value in note.items() if name not in HANDLED_KEYS
-    ]
+    rows = [(name.replace("_", " "), _text(value)) for name, value in note.items() if name not in ELSEWHERE]
     return [(name, value) for name, value in rows if value]
 
 

@@ -97,8 +97,8 @@ def _path(points: Array, world: World) -> str:
         return ""
     error = LIMITS.path_error * max(world.size) / 640
     kept = cv2.approxPolyDP(np.ascontiguousarray(points, np.float32)[:, None], error, False)[:, 0]
-    points = kept if len(kept) > 1 else points[[0, -1]]
-    return "M" + " ".join(f"{x:.1f},{y:.1f}" for x, y in points.tolist())
+    corners = kept.tolist() if len(kept) > 1 else points[[0, -1]].tolist()
+    return "M" + " ".join(f"{x:.1f},{y:.1f}" for x, y in corners)
 
 
 def _row(v: Verdict) -> dict[str, Any]:

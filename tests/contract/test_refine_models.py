@@ -263,8 +263,15 @@ def test_a_closed_model_is_gone_and_comes_back(name: str, tiny: Any):
 @pytest.mark.parametrize("variant", ["animatediff", "wan-looks"])
 def test_parts_that_come_and_go_do_the_same(variant: str, video: Video, monkeypatch: pytest.MonkeyPatch):
     """The processor stands for the GPU: the same hooks bring each part when it is called."""
-    monkeypatch.setattr(sampling, "may_offload", lambda *_: None)
-    model = video(variant, offload="model")
+
+    def in_parts(pipe: Any, device: str) -> str:
+        pipe.enable_model_cpu_offload(device=device)
+        return "model"
+
+    with monkeypatch.context() as patch:
+        patch.setattr(sampling, "place_pipeline", in_parts)
+        model = video(variant)
+        assert model._network
     made = refined(model, count=5)
     assert model.note()["offload"] == "model"
     assert {type(hook).__name__ for hook in model._network.pipe._all_hooks} == {"UserCpuOffloadHook"}
@@ -284,16 +291,11 @@ def test_what_fills_the_gpu_is_brought_in_parts(monkeypatch: pytest.MonkeyPatch)
         def enable_model_cpu_offload(self, device: str) -> None:
             self.told.append("parts")
 
-        def enable_sequential_cpu_offload(self, device: str) -> None:
-            self.told.append("parts of parts")
-
-    for free, offload, how in (
-        (5000, "auto", "model"), (6000, "auto", "none"), (10, "none", "none"), (10**9, "sequential", "sequential")
-    ):  # fmt: skip
+    for free, how in ((5000, "model"), (6000, "none")):
         monkeypatch.setattr(torch.cuda, "mem_get_info", lambda device, free=free: (free, 10**9))
-        assert loading.place_pipeline(Pipe(), offload, "cuda:0") == how
-    assert Pipe.told == ["parts", "all", "all", "parts of parts"]
-    assert loading.place_pipeline(Pipe(), "auto", "cpu") == "none"
+        assert loading.place_pipeline(Pipe(), "cuda:0") == how
+    assert Pipe.told == ["parts", "all"]
+    assert loading.place_pipeline(Pipe(), "cpu") == "none"
 
 
 # ---- options -----------------------------------------------------------------------------------------------------
@@ -313,8 +315,6 @@ def test_a_resolution_is_shown_and_the_full_size_comes_back(video: Video):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"offload": "model"}, r'wan.offload: "model" needs a GPU, and this runs on cpu; leave it out'),
-        ({"offload": "some"}, r"wan.offload: 'some' is not one of \['auto', 'none', 'model', 'sequential'\]"),
         ({"resolution": 8}, r"wan.resolution: 8 is less than the minimum of 16; leave it out"),
         ({"windows": 8}, r'wan.windows: "windows" means nothing here; did you mean window\?'),
     ],

@@ -87,31 +87,15 @@ def revision(weights: str) -> str:
     return main.read_text(encoding="utf-8").strip() if main.is_file() else ""
 
 
-def may_offload(table: str, offload: str, device: str) -> None:
-    """Raises InputError for an option `offload` that cannot be had on `device`."""
-    if offload in ("auto", "none"):
-        return
-    found = f'{table}.offload: "{offload}"'
-    if not device.startswith("cuda"):
-        raise InputError.of("physgen.toml", found, f"needs a GPU, and this runs on {device}", "leave it out")
-    if importlib.util.find_spec("accelerate") is None:
-        raise InputError.of("physgen.toml", found, "needs accelerate", "pip install accelerate")
-
-
-def place_pipeline(pipe: Any, offload: str, device: str) -> str:
-    """Moves a pipeline to where it runs, and says how: `none`, all of it now; `model`, `sequential`, when needed."""
-    if offload == "auto":
-        offload = "none"
-        if device.startswith("cuda") and importlib.util.find_spec("accelerate"):
-            free, _ = torch.cuda.mem_get_info(device)
-            offload = "model" if _bytes(pipe) > FULL * free else "none"
-    if offload == "model":
-        pipe.enable_model_cpu_offload(device=device)
-    elif offload == "sequential":
-        pipe.enable_sequential_cpu_offload(device=device)
-    else:
-        pipe.to(device)
-    return offload
+def place_pipeline(pipe: Any, device: str) -> str:
+    """Moves a pipeline to where it runs, and says how: `none`, all of it now; `model`, each part when it is needed."""
+    if device.startswith("cuda") and importlib.util.find_spec("accelerate"):
+        free, _ = torch.cuda.mem_get_info(device)
+        if _bytes(pipe) > FULL * free:
+            pipe.enable_model_cpu_offload(device=device)
+            return "model"
+    pipe.to(device)
+    return "none"
 
 
 def _bytes(pipe: Any) -> int:
@@ -190,13 +174,11 @@ U8 = NDArray[np.uint8]
 OPTIONS: Options = {
     "resolution": (None, {"type": "integer", "minimum": 16}),
     "window": (None, {"type": "integer", "minimum": 1}),
-    "offload": ("auto", {"enum": ["auto", "none", "model", "sequential"]}),
 }
 """Each backend's table of physgen.toml.
 
 `resolution`: px, the side of the square whose area the model is shown at most; `window`: frames that it sees at a
-time; both as it was trained if left out. `offload`: whether its parts are on the GPU only while they are needed
-(model, by parts of parts: sequential); auto: where they fill most of its memory.
+time; both as it was trained if left out.
 """
 
 
@@ -278,7 +260,6 @@ class Sampler:
         self._weights = weight_ids("refine", kind.name, setup, REFINE)
         self._device = device_of(setup)
         self._dtype = dtype_of(setup, self._device)
-        may_offload(kind.name, self._options["offload"], self._device)
         problems: list[Problem] = []
         for weights in self._weights:
             try:
@@ -289,7 +270,7 @@ class Sampler:
             raise InputError(problems)
         self._trained = kind.trained(self._weights)
         self.grid = self._asked()
-        self._offload = ""
+        self._offload = "none"
         self._tiled = False
         self._run: Run | None = None
 
@@ -313,7 +294,7 @@ class Sampler:
         network = self._kind.load(self._weights, self._device, self._dtype)
 
         def place(_: str) -> str:
-            return place_pipeline(network.pipe, self._options["offload"], self._device)
+            return place_pipeline(network.pipe, self._device)
 
         self._offload = load_weights(place, self._weights[0], self._kind.what, REFINE)
         return network
@@ -375,7 +356,7 @@ class Sampler:
         run = self._run
         note = {
             **self._options,
-            "offload": self._offload or self._options["offload"],
+            "offload": self._offload,
             "tiling": self._tiled,
             "revision": ",".join(map(revision, self._weights)),
             "scheduler": run.schedule.name if run else "",
