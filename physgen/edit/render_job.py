@@ -28,12 +28,12 @@ MAX_LINES = 50
 STOP_PATIENCE = 10.0
 """s that a run may take to end cleanly once it is stopped."""
 STAGES = {
-    "compile": ("reading the scene", 0, 2),
-    "simulate": ("simulating", 2, 20),
-    "render": ("drawing frames", 20, 95),
-    "refine": ("retouching frames", 30, 97),
+    "compile": "reading the scene",
+    "simulate": "simulating",
+    "render": "drawing frames",
+    "refine": "retouching frames",
 }
-"""For each stage its words, and the percent of a clip at which it begins and ends."""
+"""Words for the stages of the command's progress."""
 VIDEOS = ("video.mp4", "video.webp", "video.gif")
 IDLE: Data = {
     "job": None,
@@ -61,7 +61,7 @@ class RenderJob:
         self._status: Data = {**IDLE}
 
     def status(self) -> Data:
-        """`state` is idle, running, done, stopped or failed; `done` of `total` percent, over all clips."""
+        """`state` is idle, running, done, stopped or failed; `done` of `total` are steps of the stage."""
         with self._lock:
             return {**self._status, "lines": list(self._status["lines"])}
 
@@ -100,7 +100,6 @@ class RenderJob:
                 "state": "running",
                 "running": True,
                 "stage": "starting",
-                "total": 100 * len(wanted),
                 "command": " && ".join(shlex.join(["physgen", *command]) for command in commands),
             }
             self._thread = Thread(target=self._run, args=(commands, wanted), daemon=True)
@@ -132,22 +131,21 @@ class RenderJob:
 
     def _run(self, commands: Sequence[Sequence[str]], variants: Sequence[str | None]) -> None:
         error: Data | None = None
-        for k, (command, variant) in enumerate(zip(commands, variants, strict=True)):
+        for command, variant in zip(commands, variants, strict=True):
             if self._stopped or error:
                 break
             try:
-                code = self._run_one(k, command, variant)
+                code = self._run_one(command, variant)
                 error = self._failure(code) if code else None
             except OSError as failure:
                 error = {"message": f"cannot be started: {failure.strerror or failure}", "fix": ""}
         with self._lock:
             state = "stopped" if self._stopped else "failed" if error else "done"
             self._process = None
-            done = self._status["total"] if state == "done" else self._status["done"]
             error = None if self._stopped else error
-            self._status |= {"state": state, "running": False, "stage": "", "error": error, "done": done}
+            self._status |= {"state": state, "running": False, "stage": "", "error": error}
 
-    def _run_one(self, k: int, command: Sequence[str], variant: str | None) -> int:
+    def _run_one(self, command: Sequence[str], variant: str | None) -> int:
         """Run one command to its end; returns its exit code."""
         process = subprocess.Popen(
             [sys.executable, "-m", "physgen", *command, "--json"],
@@ -177,17 +175,11 @@ class RenderJob:
                     )
                     self._status["lines"] = kept[-MAX_LINES:]
                 elif "progress" in found:
-                    self._progress(k, found)
+                    stage = STAGES.get(found["progress"], found["progress"])
+                    self._status |= {"stage": stage, "done": found["done"], "total": found["total"]}
                 elif found.get("clip") and found.get("folder"):
                     self._add_result(found, variant)
         return process.wait()
-
-    def _progress(self, k: int, found: Data) -> None:
-        stage = str(found["progress"])
-        words, begin, end = STAGES.get(stage, (stage, 0, 0))
-        part = begin + (end - begin) * float(found["done"]) / max(float(found["total"]), 1.0)
-        self._status["stage"] = words
-        self._status["done"] = max(self._status["done"], round(100 * k + min(part, 99.0), 1))
 
     def _add_result(self, found: Data, variant: str | None) -> None:
         """A clip that is complete."""
@@ -199,7 +191,6 @@ class RenderJob:
             "report": "report.html" if (folder / "report.html").is_file() else None,
         }
         self._status["result"] = [*(self._status["result"] or ()), row]
-        self._status["done"] = max(self._status["done"], 100 * len(self._status["result"]))
 
     def _failure(self, code: int) -> Data:
         """The last message of a run."""

@@ -56,16 +56,6 @@ FORMATS = (
     LabelFormat("trajectory", TrajectoryTables, "poses and velocities in px, video px and SI: CSV, npz"),
     LabelFormat("physics", Physics, "masses, coefficients and all other inputs of the motion: JSON"),
 )
-REMOVED = {
-    "wheel": 'draw the flow of "flo", e.g. with torchvision.utils.flow_to_image',
-    "conditioning": 'write "flo,davis,depth,events,physics", which have the same; render makes the video',
-    "kitti": 'write "flo", and convert it',
-    "youtubevos": 'write "davis" for the masks, "coco" for the labels',
-    "mots": 'write "coco", whose run lengths are the same',
-    "order": 'write "coco", which has what is hidden of each object; the order is that of `layer`',
-    "shading": 'divide the linear light of "frames" by "albedo"',
-}
-"""Formats of the version before, with what to use in their place; for one version."""
 PERCEIVE_OPTIONS = {"depth": " --backend depth=NAME"}
 """Options of `perceive` that make a map which it does not make by default."""
 FLAG = "--format"
@@ -82,10 +72,9 @@ def chosen_formats(names: Sequence[str], flag: str = FLAG, written: bool = True)
     for name in dict.fromkeys(names):
         kind = known.get(name)
         if kind is None:
-            what, fix = "was removed" if name in REMOVED else "is no format", REMOVED.get(name, "")
             close = nearest(name, known)
-            fix = fix or (f'did you mean "{close}"?' if close else f"write any of {listed(list(known))}")
-            problems += InputError.of(flag, f'"{name}"', what, fix).problems
+            fix = f'did you mean "{close}"?' if close else f"write any of {listed(list(known))}"
+            problems += InputError.of(flag, f'"{name}"', "is no format", fix).problems
         elif written and kind.library and find_spec(kind.library) is None:
             what, fix = f"needs {kind.library}, which is not installed", 'pip install "physgen[labels]"'
             problems += InputError.of(flag, f'"{name}"', what, fix).problems

@@ -10,7 +10,6 @@ import re
 import secrets
 import shutil
 import tempfile
-import time
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
@@ -20,8 +19,6 @@ from physgen.files import machine_id, partial
 from physgen.problems import InputError
 
 _LEFT = re.compile(r"\.(?P<name>.+)\.(?P<process>\d{1,10})-(?P<machine>[0-9a-f]{8})\.(?P<kind>part|old)")
-DAY = 86400.0
-"""s after which a leftover of another machine is removed: its processes are not seen from here."""
 _SWEPT: set[Path] = set()
 
 
@@ -43,10 +40,7 @@ def remove_leftovers_once(out: Path) -> None:
 
 
 def remove_leftovers(out: Path) -> None:
-    """Remove unfinished files and folders of ended processes in `out`; what they had moved aside goes back.
-
-    Those of other machines are removed when they are a day old.
-    """
+    """Remove what ended processes of this machine left in `out`; what they had moved aside goes back."""
     try:
         with os.scandir(out) as entries:
             left = [(entry, match) for entry in entries if (match := _LEFT.fullmatch(entry.name))]
@@ -56,9 +50,7 @@ def remove_leftovers(out: Path) -> None:
         with suppress(OSError):  # another process may be at it, too
             path, final = Path(entry.path), out / match["name"]
             folder = entry.is_dir(follow_symlinks=False)
-            age = time.time() - entry.stat(follow_symlinks=False).st_ctime
-            away = match["machine"] != machine_id()
-            if age < DAY if away else _lives(int(match["process"])):
+            if match["machine"] != machine_id() or _lives(int(match["process"])):
                 continue
             if match["kind"] == "old" and folder and not final.exists():
                 path.rename(final)

@@ -48,16 +48,15 @@ def test_it_makes_what_its_command_makes(copied: Copy, tmp_path: Path) -> None:
         job.start()
     seen = []
     while (status := job.status())["running"]:
-        seen.append((status["done"], status["stage"]))
+        seen.append((status["done"], status["total"], status["stage"]))
         time.sleep(0.02)
     assert (status["job"], status["state"], status["error"]) == (name, "done", None)
-    assert status["done"] == status["total"] == 200
     assert [row["variant"] for row in status["result"]] == [None, "beach-ball"]
     for row in status["result"]:
         assert job.file(f"{row['folder']}/{row['video']}").read_bytes()[4:8] == b"ftyp"  # type: ignore[union-attr]
         assert job.file(f"{row['folder']}/report.html") is not None
-    assert [done for done, _ in seen] == sorted(done for done, _ in seen)
-    assert {"simulating", "drawing frames"} & {stage for _, stage in seen}
+    assert all(done <= total for done, total, _ in seen)
+    assert {"simulating", "drawing frames"} & {stage for *_, stage in seen}
     command = job.command("beach-ball")
     assert command in status["command"]
     typed = shlex.split(command)

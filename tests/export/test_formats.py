@@ -61,7 +61,6 @@ def test_labels_that_are_there_are_not_lost(tmp_path, capsys) -> None:
     ("name", "said"),
     [
         ("tapvit", 'is no format; did you mean "tapvid"?'),
-        ("kitti", 'was removed; write "flo", and convert it'),
     ],
 )
 def test_names_that_are_no_format(name: str, said: str, tmp_path, capsys) -> None:

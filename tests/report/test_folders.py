@@ -87,13 +87,8 @@ def test_what_killed_runs_left_is_cleared_and_the_old_folder_comes_back(tmp_path
     assert sorted(p.name for p in tmp_path.iterdir()) == left
 
 
-def test_what_another_machine_is_at_stays_for_a_day(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_another_machine_is_at_stays(tmp_path: Path) -> None:
     """Its processes and, on some shared disks, its locks are not seen from here."""
-    theirs = [tmp_path / f".run.{DEAD}-0123abcd.part", tmp_path / f".index.html.{DEAD}-0123abcd.part"]
-    theirs[0].mkdir()
-    theirs[1].write_text("half")
+    (tmp_path / f".run.{DEAD}-0123abcd.part").mkdir()
     folders.remove_leftovers(tmp_path)
-    assert sorted(tmp_path.iterdir()) == sorted(theirs)
-    monkeypatch.setattr(folders, "DAY", -1.0)
-    folders.remove_leftovers(tmp_path)
-    assert not list(tmp_path.iterdir())
+    assert len(list(tmp_path.iterdir())) == 1
