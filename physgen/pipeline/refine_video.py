@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.export.video import LONGEST, NO_ROOM, Format, encode_in_thread, open_video
+from physgen.export.video import LONGEST, Format, encode_in_thread, open_video
 from physgen.files import move_with_backup, partial, write_with_backup
 from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
 from physgen.progress import Progress, silent
@@ -108,7 +108,7 @@ def refine_video(
         how = replace(how, hold=hold_frames(fps) if job.keep_first else 0)
         beside = stack.enter_context(_beside(output))
         made = beside / kind.file
-        with _room(output), open_video(beside, kind, clip.size, fps) as write:
+        with open_video(beside, kind, clip.size, fps) as write:
             refined = _run(crew, how, clip, covered, write, progress)
         size = {"size": list(clip.size), "frames": len(clip.frames), "fps": round(fps, 6)}
         record = {
@@ -123,9 +123,8 @@ def refine_video(
             "warnings": [warning.as_dict() for warning in warnings],
         }
         record_path = output.with_name(f"{output.name if kind is Format.PNG else output.stem}.json")
-        with _room(output):
-            move_with_backup(made, output, keep)
-            write_with_backup(record_path, json_text(record).encode("utf-8"), keep)
+        move_with_backup(made, output, keep)
+        write_with_backup(record_path, json_text(record).encode("utf-8"), keep)
     return Refined(output, record_path, record)
 
 
@@ -225,15 +224,3 @@ def _beside(output: Path) -> Iterator[Path]:
         for made in above:  # where nothing came of it; others are not empty
             with suppress(OSError):
                 made.rmdir()
-
-
-@contextmanager
-def _room(output: Path) -> Iterator[None]:
-    """Tells of a disk that is full."""
-    try:
-        yield
-    except OSError as error:
-        if error.errno not in NO_ROOM:
-            raise
-        fix = "make room, or write to another disk: -o"
-        raise InputError.of(str(output), "", f"could not be written ({error.strerror})", fix) from None

@@ -1,4 +1,4 @@
-"""Tables and drawings of the report page: parameters with their sources, joints and fields, and arrows."""
+"""Tables of the report page, parameters with their sources, joints and fields; outlines and arrows."""
 
 from __future__ import annotations
 

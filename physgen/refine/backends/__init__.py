@@ -1,4 +1,4 @@
-"""Video diffusion models, one file each; what each takes and gives is `refine.roles.Denoiser`.
+"""Video diffusion models, one file each; what each takes and gives is `refine.denoiser.Denoiser`.
 
 `sampling` is what they share: weights, devices, steps, memory. A model's own file knows its layout of latents, its
 text, its schedule, and what else it wants to be shown.
