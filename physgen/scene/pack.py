@@ -16,16 +16,7 @@ from physgen.scene.document import MAX_BYTES, Node, Source, children
 from physgen.scene.files import MAPS, beside, read_scene, with_bases
 from physgen.scene.load import load, scene_name
 from physgen.scene.overlay import apply, edit_of_flag, edits_of_variant, variants_of
-from physgen.scene.unpack import (
-    CLASH,
-    CONTENTS,
-    MAX_FILES,
-    MAX_PICTURE,
-    MAX_TOTAL,
-    VERSION,
-    clash_of,
-    fault_of,
-)
+from physgen.scene.unpack import CONTENTS, MAX_FILES, MAX_PICTURE, MAX_TOTAL, VERSION, is_plain
 from physgen.text import shown
 
 EPOCH = (1980, 1, 1, 0, 0, 0)
@@ -97,16 +88,15 @@ def _name(node: Node, home: Path, top: str) -> str:
     if ".." in parts[up:]:  # `a/../b` needs a folder `a`, which may not come along
         found, fix = "leads round about", "write the straight path"
         raise InputError([Problem(node.place, "", shown(value), found, fix)])
-    if (fault := fault_of(name)) is not None:
-        raise InputError([Problem(node.place, "", repr(name), *fault)])
+    if not is_plain(name):
+        found = "is no plain name that leads straight down"
+        raise InputError([Problem(node.place, "", repr(name), found, "rename it")])
     return name
 
 
 def _written(file: Path, scene: str, scenes: dict[str, Path], files: dict[str, Path | None]) -> bytes:
     """The bytes of the pack: the scene first, then what it extends, then pictures."""
     members = [scene, *sorted(scenes.keys() - {scene}), *sorted(files)]
-    if (clash := clash_of(members)) is not None:
-        raise InputError.of(str(file), clash, CLASH, "rename one of the two")
     if len(members) > MAX_FILES:
         found = f"{len(members):,} files"
         raise InputError.of(str(file), found, f"are over the {MAX_FILES:,} of a pack", "pack fewer variants")

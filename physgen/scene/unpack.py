@@ -10,11 +10,10 @@ import io
 import json
 import stat
 import struct
-import unicodedata
 import zipfile
 import zlib
-from collections.abc import Container, Iterable, Iterator
-from pathlib import Path, PurePosixPath
+from collections.abc import Container, Iterator
+from pathlib import Path
 
 from physgen.files import new_folder
 from physgen.problems import InputError
@@ -32,10 +31,8 @@ LISTED = b"PK\x01\x02"
 """Begins each entry of a zip's list of its members."""
 
 MAX_FILES = 2_000
-MAX_DEPTH = 16
-"""Parts of a name: folders one in another, and a file."""
-MAX_PART_BYTES = 255
-"""Of what stands between two strokes of a name."""
+MAX_NAME_BYTES, MAX_PART_BYTES = 1000, 255
+"""Of a name, and of what stands between two strokes of it: what file systems allow."""
 MAX_CONTENTS = 2**16
 """Bytes of the contents page."""
 MAX_PICTURE = 800 * 2**20
@@ -46,7 +43,6 @@ BLOCK = 2**20
 AGAIN = "pack the scene again"
 OTHER = "name a file that physgen pack wrote"
 ENCRYPTED = 1
-CLASH = "is a name that some disks take for another one in the pack"
 DAMAGED = (
     zipfile.BadZipFile,
     zlib.error,
@@ -77,30 +73,12 @@ def is_ours(path: Path) -> bool:
     return head.startswith(MAGIC) and head[30:] == CONTENTS.encode()
 
 
-def fault_of(name: str) -> tuple[str, str] | None:
-    """What is wrong with the name of a file or a folder, and the fix: it must mean the same below any folder."""
-    parts = name.split("/")
+def is_plain(name: str) -> bool:
+    """Whether the name of a file or a folder leads straight down below any folder."""
     plain = name.isprintable() and "\\" not in name and name[1:2] != ":"
-    if not plain or any(part in ("", ".", "..") for part in parts):
-        return "is no plain name that leads straight down", "rename it"
-    if len(parts) > MAX_DEPTH or max(len(part.encode()) for part in parts) > MAX_PART_BYTES:
-        return "has too long a name, or lies too deep", "rename it, or move it up"
-    return None
-
-
-def clash_of(names: Iterable[str]) -> str | None:
-    """A name that some file systems take for another one, or of a file where another needs a folder.
-
-    Names of folders end with a stroke.
-    """
-    taken: dict[str, tuple[str, bool]] = {}
-    for name in names:
-        whole = PurePosixPath(name)
-        for path in (whole, *whole.parents[:-1]):
-            kind = str(path), path == whole and not name.endswith("/")
-            if taken.setdefault(unicodedata.normalize("NFC", str(path)).casefold(), kind) != kind:
-                return str(path)
-    return None
+    parts = name.split("/")
+    short = len(name.encode()) <= MAX_NAME_BYTES and all(len(p.encode()) <= MAX_PART_BYTES for p in parts)
+    return plain and short and not any(part in ("", ".", "..") for part in parts)
 
 
 def read_pack(path: Path) -> bytes:
@@ -133,12 +111,15 @@ def _write(archive: zipfile.ZipFile, infos: list[zipfile.ZipInfo], folder: Path,
     left = MAX_TOTAL
     for info in infos:
         target = folder / info.filename
-        if info.is_dir():
-            target.mkdir(parents=True, exist_ok=True)
-            continue
-        target.parent.mkdir(parents=True, exist_ok=True)
         is_scene = info.filename.endswith(SCENES)
-        with target.open("wb") as out:
+        try:
+            (target if info.is_dir() else target.parent).mkdir(parents=True, exist_ok=True)
+            if info.is_dir():
+                continue
+            out = target.open("xb")
+        except (FileExistsError, NotADirectoryError):  # on some disks, names in other cases are the same
+            raise InputError.of(name, quoted(info.filename), "is there twice", AGAIN) from None
+        with out:
             for block in _blocks(archive, info, MAX_BYTES if is_scene else MAX_PICTURE, left, name):
                 left -= len(block)
                 out.write(block)
@@ -163,25 +144,19 @@ def _checked(archive: zipfile.ZipFile, name: str) -> list[zipfile.ZipInfo]:
     infos = archive.infolist()
     if len(infos) > MAX_FILES + 1:
         raise InputError.of(name, f"{len(infos):,} files", f"are over the {MAX_FILES:,} of a pack", OTHER)
-    names: dict[str, None] = {}
     for info in infos:
-        if (found := _fault(info, names)) is not None:
+        if (found := _fault(info)) is not None:
             raise InputError.of(name, quoted(info.orig_filename), found, AGAIN)
-        names[info.filename] = None
-    if (clash := clash_of(names)) is not None:
-        raise InputError.of(name, quoted(clash), CLASH, AGAIN)
-    if CONTENTS not in names:
+    if CONTENTS not in archive.namelist():
         raise InputError.of(name, "", f"is a zip, but no pack: it has no {CONTENTS}", OTHER)
     return [info for info in infos if info.filename != CONTENTS]
 
 
-def _fault(info: zipfile.ZipInfo, before: Container[str]) -> str | None:
-    """What is wrong with a member by its entry, and by the names `before` it."""
-    fault = fault_of(info.filename.removesuffix("/"))
-    if info.filename != info.orig_filename or info.filename in before:  # zipfile cuts a name at a zero byte
-        return "is there twice, or has a second name"
-    if fault is not None:
-        return fault[0]
+def _fault(info: zipfile.ZipInfo) -> str | None:
+    """What is wrong with a member by its entry."""
+    # zipfile cuts a name at a zero byte
+    if info.filename != info.orig_filename or not is_plain(info.filename.removesuffix("/")):
+        return "is no plain name that leads straight down"
     if stat.S_IFMT(info.external_attr >> 16) not in (0, stat.S_IFDIR if info.is_dir() else stat.S_IFREG):
         return "is a link or no plain file"
     if info.flag_bits & ENCRYPTED or info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
