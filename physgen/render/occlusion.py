@@ -95,52 +95,11 @@ def occlusions(
 
     `near` as `reaching` has it.
     """
-    balls = {
-        k: others
-        for k, others in near.items()
-        if others and all(figures[one].radius is not None for one in (k, *others))
-    }
-    found = {} if not balls else _on_balls(figures, balls, setting)
-    for k, others in near.items():
-        if others and k not in balls:
-            dark = occlusion_of(figures[k], [figures[other] for other in others], setting)
-            if dark is not None:
-                found[k] = dark
-    return found
-
-
-def _on_balls(
-    figures: Sequence[Silhouette], near: Mapping[int, Sequence[int]], setting: ShadowSetting
-) -> dict[int, F32]:
-    """`veiling` of balls by balls: many small pictures at a time."""
-
-    onto = [figures[k] for k in near]
-    sizes = [figure.coverage.shape for figure in onto]
-    steps = [_step(figure) for figure in onto]
-    cells = np.arange(max(-(-max(size) // step) for size, step in zip(sizes, steps, strict=True)))
-    x, y = (
-        (stacked(f.corner[axis] - 0.5 for f in onto) + stacked(steps) * (cells + np.float32(0.5)))
-        for axis in (0, 1)
-    )
-    y = y.transpose(0, 2, 1)
-    radius = stacked(f.radius or 0.0 for f in onto)
-    u, v = ((p - stacked(f.center[axis] for f in onto)) / radius for axis, p in enumerate((x, y)))
-    z = np.sqrt(np.maximum(1 - u * u - v * v, 0))
-    lx, ly, lz = (np.float32(part) for part in setting.light.direction)
-    direct = _direct(np.maximum(u * lx + v * ly + z * lz, 0), setting)
-    toward = stacked(middle(f, setting.top) for f in onto) + radius * z
-    whose = np.repeat(np.arange(len(onto)), [len(others) for others in near.values()])
-    by = [figures[other] for others in near.values() for other in others]
-    points = tuple(np.asarray(part, np.float32)[whose] for part in (x, y, toward))
-    blocked = _behind_balls(by, points, setting)
-    left = 1 - np.float32(MOST_BLOCKED) * direct[whose] * blocked
-    left = np.multiply.reduceat(left, np.searchsorted(whose, np.arange(len(onto))), axis=0)
-    dark = _seen(left, z)
     found = {}
-    for k, (h, w), step, picture in zip(near, sizes, steps, dark, strict=True):
-        own = picture[: -(-h // step), : -(-w // step)]
-        if own.max(initial=0) >= OCCLUSION.faint:
-            found[k] = _enlarged(own, step, h, w)
+    for k, others in near.items():
+        dark = occlusion_of(figures[k], [figures[other] for other in others], setting)
+        if dark is not None:
+            found[k] = dark
     return found
 
 
@@ -148,26 +107,28 @@ def occlusion_of(onto: Silhouette, others: Sequence[Silhouette], setting: Shadow
     """(h, w) -log of the light that `others` leave on the face of `onto`, on its box; None where that is all."""
     h, w = onto.coverage.shape
     step = _step(onto)
-    xs = onto.corner[0] + np.float32(step) * (np.arange(-(-w // step), dtype=np.float32) + 0.5) - 0.5
-    ys = onto.corner[1] + np.float32(step) * (np.arange(-(-h // step), dtype=np.float32) + 0.5) - 0.5
-    x, y = (np.asarray(part, np.float32) for part in np.meshgrid(xs, ys))
+    kind = np.float64 if all(one.radius is not None for one in (onto, *others)) else np.float32
+    xs = onto.corner[0] + step * (np.arange(-(-w // step)) + 0.5) - 0.5
+    ys = onto.corner[1] + step * (np.arange(-(-h // step)) + 0.5) - 0.5
+    x, y = (part.astype(kind) for part in np.meshgrid(xs, ys))  # balls on balls are worked out more finely
     lx, ly, lz = (np.float32(part) for part in setting.light.direction)
     z: F32 | None = None
     if onto.radius is None:
         toward = np.full(x.shape, face(onto, setting.top), np.float32)
         facing = np.full(x.shape, max(lz, 0), np.float32)
     else:
-        u, v = (x - onto.center[0]) / onto.radius, (y - onto.center[1]) / onto.radius
+        cx, cy, radius = (np.float32(part) for part in (*onto.center, onto.radius))
+        u, v = (x - cx) / radius, (y - cy) / radius
         z = np.sqrt(np.maximum(1 - u * u - v * v, 0))
-        toward = middle(onto, setting.top) + onto.radius * z
+        toward = np.float32(middle(onto, setting.top)) + radius * z
         facing = np.maximum(u * lx + v * ly + z * lz, 0)
     direct = _direct(facing, setting)
+    balls = [other for other in others if other.radius is not None]
+    points = tuple(part.astype(np.float32) for part in (x, y, toward))
+    behind = iter(_behind_balls(balls, points, setting) if balls else ())
     left = np.ones(x.shape, np.float32)
     for other in others:
-        if other.radius is None:
-            blocked = _behind_slab(other, x, y, toward, setting)
-        else:
-            blocked = _behind_balls([other], (x, y, toward), setting)[0]
+        blocked = _behind_slab(other, x, y, toward, setting) if other.radius is None else next(behind)
         left *= 1 - np.float32(MOST_BLOCKED) * direct * blocked
     dark = _seen(left, z)
     return None if dark.max() < OCCLUSION.faint else _enlarged(dark, step, h, w)
