@@ -27,10 +27,6 @@ class Pose(NamedTuple):
         """Body frame (about the centre of mass) -> photo, `(..., 2)` px."""
         return points @ rotation(self.angle).T + (self.x, self.y)
 
-    def invert(self, points: Array) -> Array:
-        """Photo -> body frame, `(..., 2)` px."""
-        return (points - (self.x, self.y)) @ rotation(self.angle)
-
 
 def rotation(angle: float) -> Array:
     """(2, 2) matrix that turns +x towards +y by `angle` rad.

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import shutil
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -150,8 +148,11 @@ def refine_footage(film: Film, kept: Footage, refiners: Refiners, files: VideoFi
         step = float(trajectory.times[1] - trajectory.times[0]) if len(trajectory.times) > 1 else 1.0
         changes = RefinementChanges(count, 1 / step)
         made = _measured(name, refinement.frames(kept.rgb, kept.coverage), kept, changes)
-        with _played(made, order, kept, files) as pictures:
-            record.frames = files.write(clip(pictures), len(order), "video", "refine", "decode")[0]
+        if list(order) != list(range(count)):
+            with record.stage("refine"):
+                pictures = [rgb.copy() for rgb in made]
+            made = map(pictures.__getitem__, order)
+        record.frames = files.write(clip(made), len(order), "video", "refine", "decode")[0]
     except InputError as error:
         for kind in files.formats:
             path = files.folder / kind.named("video")
@@ -188,24 +189,3 @@ def _frames(kept: Footage, pictures: Iterator[U8], order: Sequence[int]) -> Iter
 
     for index, (sample, rgb) in enumerate(zip(order, pictures, strict=True)):
         yield Frame(index, float(kept.trajectory.times[sample]), rgb, partial(kept.ids.__getitem__, sample))
-
-
-@contextmanager
-def _played(
-    frames: Iterator[U8], order: Sequence[int], kept: Footage, files: VideoFiles
-) -> Iterator[Iterator[U8]]:
-    """Pictures of all samples, one after the other -> in playing order; where that differs, from a temporary file."""
-    if list(order) == list(range(len(kept.rgb))):
-        yield frames
-        return
-    width, height = files.scene.video_size
-    with tempfile.TemporaryFile(dir=files.folder) as file:
-        with files.record.stage("refine"):
-            for rgb in frames:
-                file.write(np.ascontiguousarray(rgb).data)
-
-        def read(sample: int) -> U8:
-            file.seek(sample * height * width * 3)
-            return np.frombuffer(file.read(height * width * 3), np.uint8).reshape(height, width, 3)
-
-        yield map(read, order)

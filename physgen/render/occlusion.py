@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import hypot, radians, tan
+from typing import Any
 
 import cv2
 import numpy as np
@@ -107,12 +108,14 @@ def occlusion_of(onto: Silhouette, others: Sequence[Silhouette], setting: Shadow
     """(h, w) -log of the light that `others` leave on the face of `onto`, on its box; None where that is all."""
     h, w = onto.coverage.shape
     step = _step(onto)
-    kind = np.float64 if all(one.radius is not None for one in (onto, *others)) else np.float32
+    kind: Any = np.float64 if all(one.radius is not None for one in (onto, *others)) else np.float32
     xs = onto.corner[0] + step * (np.arange(-(-w // step)) + 0.5) - 0.5
     ys = onto.corner[1] + step * (np.arange(-(-h // step)) + 0.5) - 0.5
-    x, y = (part.astype(kind) for part in np.meshgrid(xs, ys))  # balls on balls are worked out more finely
+    # balls on balls are worked out more finely
+    x, y = (np.asarray(part, kind) for part in np.meshgrid(xs, ys))
+    toward: NDArray[Any]
     lx, ly, lz = (np.float32(part) for part in setting.light.direction)
-    z: F32 | None = None
+    z = None
     if onto.radius is None:
         toward = np.full(x.shape, face(onto, setting.top), np.float32)
         facing = np.full(x.shape, max(lz, 0), np.float32)
@@ -124,11 +127,11 @@ def occlusion_of(onto: Silhouette, others: Sequence[Silhouette], setting: Shadow
         facing = np.maximum(u * lx + v * ly + z * lz, 0)
     direct = _direct(facing, setting)
     balls = [other for other in others if other.radius is not None]
-    points = tuple(part.astype(np.float32) for part in (x, y, toward))
+    points = x.astype(np.float32), y.astype(np.float32), toward.astype(np.float32)
     behind = iter(_behind_balls(balls, points, setting) if balls else ())
     left = np.ones(x.shape, np.float32)
     for other in others:
-        blocked = _behind_slab(other, x, y, toward, setting) if other.radius is None else next(behind)
+        blocked = _behind_slab(other, *points, setting) if other.radius is None else next(behind)
         left *= 1 - np.float32(MOST_BLOCKED) * direct * blocked
     dark = _seen(left, z)
     return None if dark.max() < OCCLUSION.faint else _enlarged(dark, step, h, w)
@@ -140,14 +143,14 @@ def _step(onto: Silhouette) -> int:
     return max(1, int(np.sqrt(h * w)) // OCCLUSION.cells)
 
 
-def _direct(facing: F32, setting: ShadowSetting) -> F32:
+def _direct(facing: NDArray[Any], setting: ShadowSetting) -> F32:
     """Share of a face's light that comes straight, by the cosine of the light's angle to it."""
     light = setting.light
     share = light.intensity * facing / np.maximum(light.intensity * facing + light.ambient, 1e-6)
     return np.asarray(share, np.float32)
 
 
-def _seen(left: F32, z: F32 | None) -> F32:
+def _seen(left: F32, z: NDArray[Any] | None) -> F32:
     """-log of the light left; on a ball, whose normals face the viewer by `z`, its slanted parts have none.
 
     They are mixed with what is behind, and the neighbours' light fills them.
