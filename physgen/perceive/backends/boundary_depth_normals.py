@@ -16,6 +16,7 @@ where a floor begins and ends.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -28,7 +29,6 @@ from numpy.typing import NDArray
 
 from physgen.geometry.polygon import Array, bounds
 from physgen.perceive.backends.boundary_support import (
-    CUSHION,
     ELASTICITY,
     FRICTION,
     Photo,
@@ -126,10 +126,7 @@ def _depth_normals(
     if not len(objects) or not (labels > 0).any():
         return BoundaryGuess(found, sure, reason, ())
     if found is View.TOP:
-        section = top_section(even, labels, objects, scenery)
-        cushions = _walls(section_edges(section, facing), objects, [], found)
-        cushions = cushions or find_cushions(Photo(rgb, labels), objects)
-        return BoundaryGuess(found, sure, reason, tuple(cushions))
+        return BoundaryGuess(found, sure, reason, tuple(find_cushions(Photo(rgb, labels), objects)))
     section = side_section(even, facing, labels, objects, groups, scenery)
     stood = lay_floors(rgb, labels, objects, groups, partial(solid_reach, section))
     edges = section_edges(section, facing)
@@ -137,45 +134,34 @@ def _depth_normals(
     walls = [photo_bottom(labels), *stood.walls]
     more, held = add_supports(stood.objects, walls, stood.grip, FRICTION, ELASTICITY)
     walls += more
-    walls += _walls(others, stood.objects, walls, found)
+    walls += _walls(others, stood.objects, walls)
     return BoundaryGuess(found, sure, reason, tuple(walls), stood.outlines, held, stood.grip)
 
 
-def _walls(
-    found: Sequence[Edge], objects: Sequence[PhotoObject], taken: Sequence[Wall], view: View
-) -> list[Wall]:
+def _walls(found: Sequence[Edge], objects: Sequence[PhotoObject], taken: Sequence[Wall]) -> list[Wall]:
     """Edges as walls, without the parts that run into objects."""
     outlines = [t.outline for t in objects]
-    names = {wall.name for wall in taken}
-    beyond = "rises above the table" if view is View.TOP else "is farther away"
-    friction, elasticity = (0.2, CUSHION) if view is View.TOP else (FRICTION, ELASTICITY)
+    count = Counter(wall.name.rpartition("-")[0] for wall in taken)
     walls: list[Wall] = []
     for edge in found:
-        count = max(2, int(edge.length))
-        along = edge.start + np.linspace(0, 1, count)[:, None] * (edge.end - edge.start)
+        along = edge.start + np.linspace(0, 1, max(2, int(edge.length)))[:, None] * (edge.end - edge.start)
         within = max((float(depth_inside(o, along).max()) for o in outlines), default=0.0)
         behind = edge.out[1] < -0.7 and within > LIMITS.through  # objects stand lower than this
-        if view is View.SIDE and (behind or _is_rim(edge)):
+        if behind or _is_rim(edge):
             continue
         chain = [(round(float(x), 2), round(float(y), 2)) for x, y in (edge.start, edge.end)]
-        kind = _kind(edge, view)
+        kind = _kind(edge)
         sure = round(min(0.9, 0.3 + 0.6 * edge.seen * edge.plane**2), 2)
         for part in free_parts(chain, outlines):
             if np.hypot(*np.subtract(part[-1], part[0])) < 4:
                 continue
-            name = next(name for k in range(1, 1000) if (name := f"{kind}-{k}") not in names)
-            names.add(name)
-            walls.append(
-                Wall(
-                    name,
-                    tuple(part),
-                    friction,
-                    elasticity,
-                    sure,
-                    "depth and normals",
-                    f"what is beyond {beyond}",
-                )
+            count[kind] += 1
+            name, source, reason = (
+                f"{kind}-{count[kind]}",
+                "depth and normals",
+                "what is beyond is farther away",
             )
+            walls.append(Wall(name, tuple(part), FRICTION, ELASTICITY, sure, source, reason))
     return walls
 
 
@@ -186,9 +172,7 @@ def _is_rim(edge: Edge) -> bool:
     return bool(np.hypot(*across) > LIMITS.up and across @ edge.out < LIMITS.section * np.hypot(*across))
 
 
-def _kind(edge: Edge, view: View) -> str:
-    if view is View.TOP:
-        return "cushion"
+def _kind(edge: Edge) -> str:
     if abs(edge.angle) <= LIMITS.slope:
         return "ledge"
     return "slope" if edge.out[1] < -0.35 else "underside" if edge.out[1] > 0.35 else "side"
@@ -271,14 +255,6 @@ def hidden_by_objects(labels: Labels) -> Mask:
     return np.asarray(cv2.dilate((labels > 0).astype(np.uint8), np.ones((reach, reach), np.uint8)) > 0)
 
 
-def _pixels(labels: Labels, objects: Sequence[PhotoObject]) -> Iterator[tuple[NDArray[Any], NDArray[Any]]]:
-    """Rows and columns of each object that is seen."""
-    for item in objects:
-        rows, columns = np.nonzero(labels == item.id)
-        if len(rows):
-            yield rows, columns
-
-
 def side_section(
     depth: F32,
     normals: F32,
@@ -290,7 +266,8 @@ def side_section(
     """The section in a side view: the objects' plane is as far as what they stand on, where they stand."""
     away = hidden_by_objects(labels)
     full = _filled_behind(depth, away)
-    own = [np.percentile(depth[part], (10, 75)) for part in _pixels(labels, objects)]
+    parts = [depth[labels == item.id] for item in objects]
+    own = [np.percentile(part, (10, 75)) for part in parts if part.size]
     nearest, farthest = min(float(o[0]) for o in own), max(float(o[1]) for o in own)
     around = max(farthest - nearest, LIMITS.thin)
     stands = [d for line, group in groups if (d := _depth_beside(full, away, line, group)) is not None]
@@ -300,7 +277,15 @@ def side_section(
     # flat objects stand in the plane, too; a surface that runs through it ends there
     limit = plane + LIMITS.slack * (normals[..., 2] > LIMITS.facing)
     before = LIMITS.near * max(farthest - nearest, LIMITS.deep)
-    return _section(full, away, limit, nearest - before, scenery)
+    solid = (full < limit).astype(np.float32)
+    if scenery is not None:  # the paper's choice: scenery within the foreground's range of depth
+        ids = np.where(away, 0, scenery.labels)
+        for i in np.unique(ids[ids > 0]).tolist():
+            low, high = np.percentile(full[ids == i], (5, 95))
+            if low > limit.max() or high < nearest - before:
+                solid[scenery.labels == i] = 0.0
+    smooth = cv2.GaussianBlur(solid, (0, 0), LIMITS.soft) > 0.5
+    return Section(full, smooth, ~away, nearest - before)
 
 
 def _filled_behind(depth: F32, away: Mask) -> F32:
@@ -325,47 +310,6 @@ def _depth_beside(depth: F32, away: Mask, line: Line, group: Sequence[Foot]) -> 
     columns, rows = columns[inside], rows[inside]
     seen = ~away[rows, columns]
     return float(np.median(depth[rows[seen], columns[seen]])) if seen.sum() >= 5 else None
-
-
-def top_section(
-    depth: F32, labels: Labels, objects: Sequence[PhotoObject], scenery: Scenery | None
-) -> Section:
-    """The section in a top view, half as high above the table as objects are: cushions and rims, not the table."""
-    away = hidden_by_objects(labels)
-    flat = depth - _table_depth(depth, away)
-    heights = [float(np.median(flat[part])) for part in _pixels(labels, objects)]
-    top = min(float(np.median(heights)), -LIMITS.slack)
-    full = _filled_behind(flat, away)
-    return _section(full, away, np.full(depth.shape, 0.5 * top), top * (1.5 + LIMITS.near), scenery)
-
-
-def _table_depth(depth: F32, away: Mask) -> F32:
-    """(H, W): depth of the plane that most of the background lies in, by least squares without what is far off."""
-    height, width = depth.shape
-    y, x = np.mgrid[0:height:4, 0:width:4]
-    terms = np.stack([np.ones(x.size), x.ravel() / width, y.ravel() / height], 1)
-    values, use = depth[::4, ::4].ravel().astype(np.float64), ~away[::4, ::4].ravel()
-    plane = np.array([np.median(values[use]) if use.any() else 0.0, 0.0, 0.0])
-    for _ in range(6):
-        off = np.abs(values - terms @ plane)
-        near = use & (off <= max(2.5 * float(np.median(off[use])) if use.any() else 0.0, 1e-3))
-        if near.sum() < 30:
-            break
-        plane = np.linalg.lstsq(terms[near], values[near], rcond=None)[0]
-    y, x = np.mgrid[0:height, 0:width]
-    return np.asarray(plane[0] + plane[1] * x / width + plane[2] * y / height, np.float32)
-
-
-def _section(full: F32, away: Mask, limit: NDArray[Any], nearest: float, scenery: Scenery | None) -> Section:
-    solid = (full < limit).astype(np.float32)
-    if scenery is not None:  # the paper's choice: scenery within the foreground's range of depth
-        ids = np.where(away, 0, scenery.labels)
-        for i in np.unique(ids[ids > 0]).tolist():
-            low, high = np.percentile(full[ids == i], (5, 95))
-            if low > limit.max() or high < nearest:
-                solid[scenery.labels == i] = 0.0
-    smooth = cv2.GaussianBlur(solid, (0, 0), LIMITS.soft) > 0.5
-    return Section(full, smooth, ~away, nearest)
 
 
 # edges
