@@ -100,7 +100,7 @@ def test_masks_land_where_the_boxes_are(size, tiny):
     run = registry.make("segment", GROUNDED, tiny.setup("segment", GROUNDED))
     ball, wall, domino = (0.1, 0.5, 0.4, 0.8), (0.0, 0.1, 1.0, 0.45), (0.6, 0.5, 0.7, 0.95)
     light(
-        run._detector(),
+        run._dino,
         [
             (domino, "domino", 0.9),
             (ball, "ball", 0.75),
@@ -109,7 +109,7 @@ def test_masks_land_where_the_boxes_are(size, tiny):
             (ball, "red", 0.5),
         ],
     )
-    cutter = run._segmenter()
+    cutter = run._sam
     Answering(cutter)
     found = run(photo(*size), KINDS)
     assert {i: one.label for i, one in found.names.items()} == {1: "Red Ball", 2: "domino"}
@@ -184,7 +184,7 @@ def test_sam_sees_what_its_own_processor_makes_of_a_photo(tiny):
 @pytest.mark.parametrize("size", SIZES[:2], ids=str)
 def test_sam3_answers_noun_by_noun(size, tiny):
     run = registry.make("segment", "sam3", tiny.setup("segment", "sam3"))
-    tokens, model = run._model()
+    tokens, model = run._model
     ball, cup = rectangle((72, 72), 0.1, 0.5, 0.4, 0.8), rectangle((72, 72), 0.6, 0.2, 0.8, 0.9)
     asked = []
 
@@ -197,7 +197,7 @@ def test_sam3_answers_noun_by_noun(size, tiny):
         return SimpleNamespace(pred_logits=logits, presence_logits=torch.tensor([[3.0]]), pred_masks=masks)
 
     told.config, told.get_vision_features = model.config, model.get_vision_features
-    run._loaded = tokens, told
+    run._model = tokens, told
     found = run(photo(*size), [*KINDS, Category("CUP", True)])
     assert sorted(asked) == ["cup", "domino", "redball", "wall"]
     assert {i: one.label for i, one in found.names.items()} == {1: "Red Ball", 2: "cup"}

@@ -6,7 +6,6 @@ The same photo, weights and options give the same bytes on one machine: the nois
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -51,9 +50,6 @@ class _Marigold(ModelBackend):
         options = read_options(setup, "marigold", OPTIONS)
         (weights,) = weight_ids(self.role, "marigold", setup)
         super().__init__(setup, weights, f"Marigold's {self.role}", options)
-        if self.role == "depth" and options["ensemble"] > 1 and importlib.util.find_spec("scipy") is None:
-            found = f"marigold.ensemble: {options['ensemble']}"
-            raise InputError.of("physgen.toml", found, "needs scipy for depth", "pip install scipy")
 
     def _number_type(self, setup: Setup) -> torch.dtype:
         half = setup.dtype == "auto" and self._device.startswith("cuda")

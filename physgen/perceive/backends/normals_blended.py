@@ -43,8 +43,6 @@ class _Limits:
     clear_spread: float = 0.15  # spread and ...
     clear_smooth: float = 0.95  # ... smooth share of that change which no flat faces have,
     clear_slope: float = 0.25  # and by how much less slope is then needed
-    flat_slope: float = 0.2  # a disc is flat where the slope is less ...
-    flat_shading: float = 0.15  # ... and the shading explained by a ball's normals is less
     handle: float = 0.12  # of the smaller side: half the width of a handle
     whole: float = 0.95  # share of the area that is left without handles where there are none
     alike: float = 0.15  # between the sides of objects of one kind
@@ -116,15 +114,10 @@ def _form(
     `own` (h, w) is its mask; `seen` (h, w, 3) the network's normals.
     """
     nouns = _nouns(item.label)
-    inner = _inner(own)
     if isinstance(item.outline, Disc):
         center = float(item.outline.center[0]) - corner[0], float(item.outline.center[1]) - corner[1]
         field = ball_tilts(own.shape, center, float(item.outline.radius))
-        for noun in nouns & set(DOMED):
-            return field * np.float32(DOMED[noun]), None
-        flat = _slope(seen, field, inner) < LIMITS.flat_slope
-        flat = flat and _explained(level, field, inner) < LIMITS.flat_shading
-        return (_flat_face(own) if flat else field), None
+        return field * np.float32(min((DOMED[noun] for noun in nouns & set(DOMED)), default=1.0)), None
     smaller = min(own.shape)
     body = without_thin_parts(own, round(LIMITS.handle * smaller)) if smaller > 12 else own
     body = own if body.sum() > LIMITS.whole * own.sum() else body
@@ -137,7 +130,7 @@ def _form(
         field, axis = cushion_tilts(own), -1
     else:
         field, axis = _turned(own, body)
-    return field, None if nouns & ROUND else _bulge(seen, level, field, inner, axis)
+    return field, None if nouns & ROUND else _bulge(seen, level, field, _inner(own), axis)
 
 
 def _nouns(label: str) -> set[str]:
@@ -199,15 +192,6 @@ def _light_profile(level: F32, place: F32, inner: Mask) -> tuple[float, float]:
     fit = matrix @ np.linalg.lstsq(matrix, medians, rcond=None)[0]
     share = 1 - float((medians - fit).var()) / max(float(medians.var()), 1e-9)
     return float(fit.std()), max(share, 0.0)
-
-
-def _explained(level: F32, field: F32, inner: Mask) -> float:
-    """Share of a disc's changes of light that its normals, as a ball's, explain."""
-    x, y = field[inner].T.astype(np.float64)
-    matrix = np.column_stack([np.ones(len(x)), x, y, x * x + y * y])
-    values = level[inner].astype(np.float64)
-    rest = values - matrix @ np.linalg.lstsq(matrix, values, rcond=None)[0]
-    return 1 - float(rest.var()) / max(float(values.var()), 1e-9)
 
 
 def _is_rectangular(own: Mask) -> bool:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -63,15 +64,13 @@ class Grounded:
         self._device = device_of(setup)
         self._dtype = dtype_of(setup, self._device)
         self._threshold = threshold_of(NAME, setup, CONFIDENT)
-        self._dino: GroundingDino | None = None
-        self._sam: Sam | None = None
         self._counts: dict[str, Any] = {}
 
     def __call__(self, rgb: Rgb, categories: Sequence[Category] = ()) -> Segments:
         """The objects and static surfaces of `categories`; everyday nouns where none are given."""
         kinds = list(categories) or list(everyday()(rgb))
-        found = self._detector()(rgb, [kind.noun for kind in kinds])
-        sam = self._segmenter()
+        found = self._dino(rgb, [kind.noun for kind in kinds])
+        sam = self._sam
         sam.encode(rgb)
         masks = sam.boxes([one.box for one in found])
         cuts = (  # a generator: masks of a large photo are large
@@ -91,7 +90,7 @@ class Grounded:
         points: Sequence[tuple[float, float]],
     ) -> list[PromptedMask]:
         """SAM's masks for boxes (left, top, width, height px) and for points, in that order."""
-        sam = self._segmenter()
+        sam = self._sam
         sam.encode(rgb)
         corners = [(x, y, x + width, y + height) for x, y, width, height in boxes]
         masks = [PromptedMask(mask, fit) for mask, fit in (*sam.boxes(corners), *sam.points(points))]
@@ -104,18 +103,17 @@ class Grounded:
 
     def close(self) -> None:
         """Free the models."""
-        self._dino = self._sam = None
+        for name in ("_dino", "_sam"):
+            self.__dict__.pop(name, None)
         free_memory()
 
-    def _detector(self) -> GroundingDino:
-        if self._dino is None:
-            self._dino = GroundingDino(self._weights[0], self._device)
-        return self._dino
+    @cached_property
+    def _dino(self) -> GroundingDino:
+        return GroundingDino(self._weights[0], self._device)
 
-    def _segmenter(self) -> Sam:
-        if self._sam is None:
-            self._sam = Sam(self._weights[1], self._device, self._dtype)
-        return self._sam
+    @cached_property
+    def _sam(self) -> Sam:
+        return Sam(self._weights[1], self._device, self._dtype)
 
 
 grounded = Grounded

@@ -5,7 +5,7 @@ Its prompts by box need torchvision, so `--box` and `--point` are answered as wi
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,14 +13,7 @@ import torch
 from torch.nn.functional import interpolate
 
 from physgen.perceive.backends.categories_everyday import everyday
-from physgen.perceive.backends.models import (
-    device_of,
-    dtype_of,
-    free_memory,
-    load_weights,
-    run_note,
-    weight_ids,
-)
+from physgen.perceive.backends.models import ModelBackend, weight_ids
 from physgen.perceive.backends.segment_grounded import pixels, plain_noun, threshold_of
 from physgen.perceive.roles import Category, Rgb, Segments
 from physgen.perceive.segment.masks import DOUBTFUL, Cut, Mask, segments
@@ -36,17 +29,14 @@ CONFIDENT = 0.3
 MOST_MASKS = 100
 
 
-class Sam3:
-    """A segmenter for given nouns; its model is loaded when first needed."""
+class Sam3(ModelBackend):
+    """A segmenter for given nouns."""
 
     def __init__(self, setup: Setup) -> None:
         """Raises InputError for an unknown device or number type."""
-        (self._weights,) = weight_ids("segment", NAME, setup)
-        self._device = device_of(setup)
-        self._dtype = dtype_of(setup, self._device)
+        (weights,) = weight_ids("segment", NAME, setup)
         self._threshold = threshold_of(NAME, setup, CONFIDENT)
-        self._loaded: tuple[Any, Any] | None = None
-        self._counts: dict[str, Any] = {}
+        super().__init__(setup, weights, "SAM 3", {})
 
     def __call__(self, rgb: Rgb, categories: Sequence[Category] = ()) -> Segments:
         """The objects and static surfaces of `categories`; everyday nouns where none are given."""
@@ -58,22 +48,19 @@ class Sam3:
             Cut.of(_restored(logits, size), kinds[noun].noun, kinds[noun].movable, score, 1.0)
             for noun, score, logits in found
         )
-        self._counts = {"asked": len(kinds), "masks": len(found)}
-
+        self._options = {"asked": len(kinds), "masks": len(found)}
         return segments(cuts, size, self._threshold)
 
-    def note(self) -> Mapping[str, Any]:
-        """Device, number type, weights and counts, for the record."""
-        return run_note(self._device, self._dtype, self._weights, self._counts)
+    def _load(self, weights: str) -> Any:
+        from transformers import AutoTokenizer, Sam3Model
 
-    def close(self) -> None:
-        """Free the model."""
-        self._loaded = None
-        free_memory()
+        tokens = AutoTokenizer.from_pretrained(weights, trust_remote_code=False)
+        model = Sam3Model.from_pretrained(weights, dtype=torch.float32, use_safetensors=True)
+        return tokens, model.eval().to(self._device)
 
     def _instances(self, rgb: Rgb, nouns: Sequence[str]) -> list[tuple[str, float, torch.Tensor]]:
         """Noun, score and mask, (h, w) logits on the CPU, of all masks that are at least doubtful."""
-        tokens, model = self._model()
+        tokens, model = self._model
         side = int(model.config.image_size)
         ready = pixels(rgb, (side, side), HALF, HALF).to(self._device)
         length = min(TEXT_TOKENS, int(model.config.text_config.max_position_embeddings))
@@ -93,12 +80,6 @@ class Sam3:
                     found.append((noun, float(scores[k]), output.pred_masks[0, k].float().cpu()))
         return found
 
-    def _model(self) -> tuple[Any, Any]:
-        if self._loaded is None:
-            tokens, model = load_weights(_load, self._weights, "SAM 3")
-            self._loaded = tokens, model.eval().to(self._device)
-        return self._loaded
-
 
 sam3 = Sam3
 """The factory named in the registry."""
@@ -108,10 +89,3 @@ def _restored(logits: torch.Tensor, size: tuple[int, int]) -> Mask:
     """A mask at the photo's size (H, W): probabilities are interpolated, as its own processor does, not logits."""
     whole = interpolate(logits.sigmoid()[None, None], size, mode="bilinear", align_corners=False)[0, 0]
     return np.asarray((whole > 0.5).numpy(), np.bool_)
-
-
-def _load(weights: str) -> tuple[Any, Any]:
-    from transformers import AutoTokenizer, Sam3Model
-
-    tokens = AutoTokenizer.from_pretrained(weights, trust_remote_code=False)
-    return tokens, Sam3Model.from_pretrained(weights, dtype=torch.float32, use_safetensors=True)

@@ -181,7 +181,7 @@ class _Removal:
         free, predicted, size = self.free, self.predicted, self.size
         bright = np.log(luminance(self.linear) + DARKEST).astype(np.float32)
         plain = free * (predicted < TUNING.shaded)
-        kinds = hue_weights(self._provisional(bright, plain), plain, 8000)
+        kinds = hue_weights(self.linear, plain, 8000)
         near = 3 * size, 0.5 * size
         level = self._level(bright, plain, kinds)
         noise = _mean(((level - bright) * plain) ** 2, plain, *near) ** 0.5
@@ -228,20 +228,6 @@ class _Removal:
         wide = cv2.dilate(self.predicted, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)))
         soft = blur_wide(np.asarray(wide, np.float32), 0.05 * self.size, 0.03 * self.size)
         return np.asarray(np.clip(soft / 0.06, 0, 1), np.float32)
-
-    def _provisional(self, bright: F32, plain: F32) -> F32:
-        """(h, w, 3): shadows roughly removed, so that a surface has one hue in and out of them."""
-        level = self._level(bright, plain, [np.ones(bright.shape, np.float32)])
-        wide = cv2.dilate(self.predicted, np.ones((5, 5), np.uint8))
-        dark = np.clip(level - bright, 0, 1.3 * wide + 0.1) * self._reach()
-        own, seen = (np.gradient(cv2.GaussianBlur(part, (0, 0), 1.5)) for part in (self.predicted, bright))
-        total = -sum(float((a * b).sum()) for a, b in zip(own, seen, strict=True))
-        tint = np.ones(3, np.float32)
-        for c in range(3):
-            channel = np.gradient(cv2.GaussianBlur(np.log(self.linear[..., c] + DARKEST), (0, 0), 1.5))
-            share = -sum(float((a * b).sum()) for a, b in zip(own, channel, strict=True))
-            tint[c] = np.clip(share / max(total, 1e-3), *TUNING.tint)
-        return np.asarray(self.linear * np.exp(dark[..., None] * tint), np.float32)
 
 
 def _above_noise(value: F32, variance: F32, times: float) -> F32:
