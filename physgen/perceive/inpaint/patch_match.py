@@ -3,8 +3,8 @@
 Every patch that reaches into the hole looks for the known patch most like it, and all that overlap vote on the colour;
 both are repeated, from coarse to fine (Wexler et al. 2007, Space-time completion of video). Coarse scales compare
 every patch with every other; finer ones try the neighbours' places (Barnes et al. 2009, PatchMatch). The coarsest scale
-starts from Criminisi, Perez and Toyama 2004. Comparisons are sums of whole numbers below 2^24, so that their order, and
-the machine, changes nothing.
+starts from a harmonic fill between the continued edges. Comparisons are sums of whole numbers below 2^24, so that
+their order, and the machine, changes nothing.
 """
 
 from __future__ import annotations
@@ -45,7 +45,6 @@ class _Tuning:
     grain_blur: float = 2.0  # px, standard deviation of the blur that separates grain from colour
     grain_margin: int = 10  # px around the hole whose grain it takes on
     grain_gain: tuple[float, float] = (0.8, 1.6)  # by which its own grain is scaled, at least and at most
-    edge_weight: float = 0.02  # data term of a place without edges, of 1 (Criminisi)
 
 
 TUNING = _Tuning()
@@ -71,10 +70,9 @@ def patch_match_fill(picture: F32, hole: Mask) -> F32:
     if not hole.any() or not levels:
         return harmonic_fill(picture, hole)
     last = levels[-1]
-    centres = thin_out(np.argwhere(patch_centres(last.hole, RADIUS)), TUNING.max_first_pairs // 1000)
-    if not len(centres):  # nowhere a whole patch is left to borrow from
+    if not patch_centres(last.hole, RADIUS).any():  # nowhere a whole patch is left to borrow from
         return harmonic_fill(picture, hole)
-    guess = exemplar_fill(last.picture, last.hole & ~last.drawn, centres, RADIUS)
+    guess = harmonic_fill(last.picture, last.hole & ~last.drawn)
     field: NDArray[np.int64] | None = None
     for k in range(len(levels) - 1, -1, -1):
         level = levels[k]
@@ -318,58 +316,3 @@ def add_grain(guess: F32, picture: F32, hole: Mask, field: NDArray[np.int64]) ->
 def _grain_strength(fine: F32) -> float:
     """Levels, of (n, 3): the root of a median, so that an edge among them does not count as grain."""
     return float(np.median((fine**2).mean(axis=1)) ** 0.5) if len(fine) else 0.0
-
-
-def exemplar_fill(picture: F32, hole: Mask, centres: Places, radius: int) -> F32:
-    """`(H, W, 3)` with `hole` filled patch after patch, where lines run into the hole first (Criminisi et al. 2004).
-
-    Patches of 2 radius + 1 px come from around `centres` (n, 2). The next patch is known best (confidence) or has the
-    strongest edges across the hole's border (data).
-    """
-    h, w = hole.shape
-    width, r = 2 * radius + 1, radius
-    sides = ((r, r), (r, r))
-    now = np.pad(np.round(picture / 2), (*sides, (0, 0)), mode="edge").astype(np.float32)
-    open_ = np.pad(hole, sides)
-    within = np.pad(np.ones_like(hole), sides)
-    confidence = np.where(open_, np.float32(0), within.astype(np.float32))
-    view = np.lib.stride_tricks.sliding_window_view(now, (width, width), (0, 1))
-    patches = np.ascontiguousarray(np.moveaxis(view, 2, -1)[centres[:, 0], centres[:, 1]])
-    flat = patches.reshape(len(centres), -1)
-    square = (patches**2).sum(-1).reshape(len(centres), -1)
-    size = float(np.hypot(h, w))
-    while open_.any():
-        y, x = _next_pixel(now, open_, within, confidence, width)
-        here = (slice(y - r, y + r + 1), slice(x - r, x + r + 1))
-        known = ~open_[here] & within[here]
-        mask = known.astype(np.float32)
-        target = now[here] * mask[:, :, None]
-        gap = square @ mask.ravel() - 2 * (flat @ target.ravel()) + (target**2).sum()
-        far = TUNING.distance_cost * np.hypot(centres[:, 0] - (y - r), centres[:, 1] - (x - r))
-        gap = gap / mask.sum() + (far / size).astype(np.float32)
-        best = patches[int(gap.argmin())]
-        new = open_[here] & within[here]
-        now[here][new] = best[new]
-        confidence[here][new] = confidence[here].mean()
-        open_[here] &= ~within[here]
-        open_[y, x] = False
-    return np.where(hole[:, :, None], 2 * now[r:-r, r:-r], picture)
-
-
-def _next_pixel(now: F32, open_: Mask, within: Mask, confidence: F32, width: int) -> tuple[int, int]:
-    """The pixel of the hole's border with the highest priority."""
-    known = (~open_ & within).astype(np.uint8)
-    front = open_ & (cv2.dilate(known, _square(1)) > 0)
-    solid = cv2.erode(known, _square(1)).astype(np.float32)[:, :, None]
-    gx, gy = (cv2.Sobel(now, cv2.CV_32F, *d, ksize=3) / 8 * solid for d in ((1, 0), (0, 1)))
-    soft = cv2.GaussianBlur(known.astype(np.float32), (0, 0), 1.5)
-    nx, ny = (cv2.Sobel(soft, cv2.CV_32F, *d, ksize=3) for d in ((1, 0), (0, 1)))
-    length = np.hypot(nx, ny) + np.float32(1e-6)
-    tx, ty = -ny / length, nx / length
-    box = (width, width)
-    xx, xy, yy = (cv2.boxFilter((a * b).sum(2), -1, box) for a, b in ((gx, gx), (gx, gy), (gy, gy)))
-    edges = np.sqrt(np.maximum(xx * tx * tx + 2 * xy * tx * ty + yy * ty * ty, 0)) / 16
-    priority = cv2.boxFilter(confidence, -1, box) * (np.minimum(edges, 1) + TUNING.edge_weight)
-    rank = np.where(front, priority, -1)
-    y, x = np.unravel_index(int(rank.argmax()), rank.shape)
-    return int(y), int(x)
