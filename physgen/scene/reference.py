@@ -8,6 +8,7 @@ from string import Template
 from physgen.files import MOST_PIXELS, SCENE_FORMATS, resource
 from physgen.scene.document import MAX_BYTES, MAX_DEPTH, MAX_NODES, MAX_OBJECTS
 from physgen.scene.files import MAX_EXTENDS, SUFFIXES
+from physgen.scene.load import MAX_SET
 from physgen.scene.schema import Schema, expanded, measure
 from physgen.text import example, listed
 
@@ -48,6 +49,7 @@ def markdown() -> str:
         bytes=MAX_BYTES // 2**20,
         depth=MAX_DEPTH,
         nodes=f"{MAX_NODES:,}",
+        set=f"{MAX_SET:,}",
         objects=f"{MAX_OBJECTS:,}",
         pixels=MOST_PIXELS // 10**6,
         formats=listed({"WEBP": "WebP"}.get(name, name) for name in SCENE_FORMATS),
