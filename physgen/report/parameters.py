@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import degrees
 from typing import Any
@@ -185,22 +185,3 @@ def _shape(body: Body) -> str:
     corners = sum(len(ring) for ring in body.rings)
     pieces = f", {len(body.pieces)} pieces" if len(body.pieces) > 1 else ""
     return f"polygon, {corners} corners{pieces}"
-
-
-def edits(scene: Scene, overrides: Sequence[str], variant: str | None) -> list[tuple[str, str]]:
-    """Changes of the file by the command: origin and text."""
-    found = []
-    if variant is not None:
-        changes = scene.document.get("variants", {}).get(variant, {})
-        rows = changes.items() if isinstance(changes, Mapping) else ()
-        found += [(f"variant {variant}", f"{key} = {_plain(value)}") for key, value in rows]
-        found = found or [(f"variant {variant}", "")]
-    return found + [("--set", text) for text in overrides]
-
-
-def _plain(value: Any) -> str:
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{k}: {_plain(v)}" for k, v in value.items()) + "}"
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(map(_plain, value)) + "]"
-    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from physgen import pipeline
-from physgen.report.parameters import edits, parameter_rows
+from physgen.report.parameters import parameter_rows
 from physgen.scene.provenance import Source, source
 
 BASE = """\
@@ -46,10 +46,6 @@ def test_each_number_has_its_source(tmp_path: Path) -> None:
     assert (b.kind, "mass" in b.cells) == ("static", False)
     assert floor.cells["friction"].source == Source("file", "base.yaml, line 7")
     assert floor.cells["elasticity"].source.kind == "default"
-    assert edits(scene, ["objects.a.spin=90"], "fast") == [
-        ("variant fast", "objects.a.velocity = [3, 4]"),
-        ("--set", "objects.a.spin=90"),
-    ]
 
 
 def test_what_from_says() -> None:
