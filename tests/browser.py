@@ -148,6 +148,36 @@ def opened(browser: Any, file: Path, *, ready: bool = True, **how: Any) -> Itera
         context.close()
 
 
+GRAVE = ("serious", "critical")
+OUTSIDE = """() => [...document.querySelectorAll('body *')]
+  .filter(e => !e.closest('.scroll, .sheet, pre, svg, .unseen, .skip, [hidden], script, option'))
+  .filter(e => [...e.childNodes].some(n => n.nodeType === 3 && n.textContent.trim()))
+  .filter(e => { const b = e.getBoundingClientRect(); return b.width && (b.right > innerWidth + 1 || b.left < -1); })
+  .map(e => e.outerHTML.slice(0, 120))"""
+"""Elements with text of their own that reach beyond the page, but in tables and listings that scroll."""
+
+
+def grave(page: Any, selector: str = "body") -> list[str]:
+    """What axe finds seriously wrong below a selector."""
+    from axe_playwright_python.sync_playwright import Axe
+
+    found = Axe().run(page, context=selector).response["violations"]
+    return [f"{row['id']}: {row['nodes'][0]['html'][:160]}" for row in found if row["impact"] in GRAVE]
+
+
+def overflowing(page: Any) -> list[str]:
+    """Texts that leave the page, and its width where it is wider than the window."""
+    wide = page.evaluate("() => [innerWidth, document.documentElement.scrollWidth]")
+    return [*page.evaluate(OUTSIDE), *([] if wide[0] == wide[1] else [f"{wide[1]} px wide"])]
+
+
+def unfolded(page: Any) -> None:
+    """Open all that can be folded out."""
+    for summary in page.locator("summary:visible").all():
+        if summary.evaluate("s => !s.parentElement.open"):
+            summary.click()
+
+
 def report(pages: Path, name: str) -> Path:
     return pages / name / "report.html"
 

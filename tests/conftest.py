@@ -14,7 +14,7 @@ from browser import launched
 from vlm_stub import KEY, Stub
 
 # the same examples on every run, so that a red run tells of a change; no deadline: machines are shared
-hypothesis.settings.register_profile("steady", derandomize=True, deadline=None)
+hypothesis.settings.register_profile("steady", derandomize=True, deadline=None, max_examples=50)
 hypothesis.settings.load_profile("steady")
 os.environ.setdefault("HF_HUB_OFFLINE", "1")
 os.environ["XDG_CONFIG_HOME"] = os.devnull  # nobody's own physgen.toml

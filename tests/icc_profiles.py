@@ -65,10 +65,3 @@ def rgb(primaries: Sequence[Sequence[float]], curve: bytes) -> bytes:
 
 def grey(curve: bytes) -> bytes:
     return profile(b"GRAY", b"XYZ ", b"mntr", {b"kTRC": curve})
-
-
-def inks(lab: NDArray[np.uint8]) -> bytes:
-    """CMYK by a table of 2 x 2 x 2 x 2 corners, the last ink's fastest: (16, 3) Lab as `lut8Type` holds it."""
-    ramp = bytes(range(256))
-    head = struct.pack(">4s4xBBBx", b"mft1", 4, 3, 2) + s15(1, 0, 0, 0, 1, 0, 0, 0, 1)
-    return profile(b"CMYK", b"Lab ", b"prtr", {b"A2B0": head + ramp * 4 + lab.tobytes() + ramp * 3})

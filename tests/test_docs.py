@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import importlib
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -13,28 +11,37 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 
 
-def test_benchmark_page_is_what_its_json_says() -> None:
-    code = "import sys; sys.path.insert(0, 'benchmarks'); import tables; sys.stdout.write(tables.page())"
-    run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert (ROOT / "docs" / "benchmarks.md").read_text() == run.stdout
+@pytest.mark.parametrize(
+    ("page", "module", "arguments"),
+    [
+        ("benchmarks", "tables.page", ()),
+        ("scale", "scale.page", ()),
+        ("fidelity", "tables.fidelity_page", ()),
+        ("plausibility", "tables.plausibility_page", ()),
+        ("materials", "tables.materials_page", ()),
+        ("physics", "tables.physics_page", ()),
+        ("how-good", "how_good.page", ()),
+        ("properties", "paper.page", ("properties",)),
+        ("controllability", "paper.page", ("controllability",)),
+        ("runtime", "paper.page", ("runtime",)),
+    ],
+)
+def test_a_page_is_what_its_json_says(page: str, module: str, arguments: tuple[str, ...]) -> None:
+    name, _, function = module.partition(".")
+    made = getattr(importlib.import_module(name), function)(*arguments)
+    assert (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8") == made
 
 
-def test_latency_of_the_editor_is_what_its_json_says(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The last part of docs/editing.md; `python benchmarks/run.py editor` writes both."""
-    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
-    editor = importlib.import_module("editor")
-    text = editor.PAGE.read_text(encoding="utf-8")
-    assert text == editor.page(text, json.loads((editor.RESULTS / "editor.json").read_text()))
+@pytest.mark.parametrize(("module", "result"), [("editor", "editor"), ("fid_page", "fid"), ("sureness", "")])
+def test_figures_within_a_page_are_what_its_json_says(module: str, result: str) -> None:
+    """`python benchmarks/run.py` writes both."""
+    made = importlib.import_module(module)
+    kept = ROOT / "benchmarks" / "results" / f"{result}.json" if result else made.RESULT
+    text = made.PAGE.read_text(encoding="utf-8")
+    assert made.page(text, json.loads(kept.read_text())) == text
 
 
-def test_scale_page_is_what_its_json_says() -> None:
-    code = "import sys; sys.path.insert(0, 'benchmarks'); import scale; sys.stdout.write(scale.page())"
-    run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert (ROOT / "docs" / "scale.md").read_text() == run.stdout
-
-
-def test_scale_page_reckons_with_what_was_measured(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+def test_scale_page_reckons_with_what_was_measured() -> None:
     import scale
 
     batch = {
@@ -55,24 +62,6 @@ def test_scale_page_reckons_with_what_was_measured(monkeypatch: pytest.MonkeyPat
     told = scale._told(found)
     for text in ("| 4 min |", "| **50 min** |", "| 55.6 h |", "10 GB", "| 1.11 h |"):
         assert text in told, text
-
-
-def test_fidelity_page_is_what_its_json_says() -> None:
-    code = "import sys; sys.path.insert(0, 'benchmarks'); import tables; sys.stdout.write(tables.fidelity_page())"
-    run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert (ROOT / "docs" / "fidelity.md").read_text() == run.stdout
-
-
-def test_plausibility_page_is_what_its_json_says() -> None:
-    code = "import sys; sys.path.insert(0, 'benchmarks'); import tables; sys.stdout.write(tables.plausibility_page())"
-    run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert (ROOT / "docs" / "plausibility.md").read_text() == run.stdout
-
-
-def test_materials_page_is_what_the_table_says() -> None:
-    code = "import sys; sys.path.insert(0, 'benchmarks'); import tables; sys.stdout.write(tables.materials_page())"
-    run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert (ROOT / "docs" / "materials.md").read_text() == run.stdout
 
 
 def test_readme_links_lead_somewhere() -> None:

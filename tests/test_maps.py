@@ -11,7 +11,6 @@ from PIL import Image
 
 from physgen.files import write_with_backup
 from physgen.maps import Percepts, read_labels, read_percepts, write_assets
-from physgen.photos import read_image
 from physgen.problems import InputError
 
 H, W = 40, 60
@@ -92,25 +91,6 @@ def saved(tmp_path: Path, picture: Image.Image, name: str, **options: object) ->
     return tmp_path / name
 
 
-def test_every_kind_of_photo_becomes_rgb(percepts: Percepts, tmp_path: Path) -> None:
-    image = Image.fromarray(percepts.rgb)
-    assert np.array_equal(read_image(saved(tmp_path, image, "a.png")), percepts.rgb)
-    assert np.array_equal(read_image(saved(tmp_path, image, "a.webp", lossless=True)), percepts.rgb)
-    grey = image.convert("L")
-    assert np.array_equal(
-        read_image(saved(tmp_path, grey, "g.png")), np.repeat(np.asarray(grey)[..., None], 3, axis=2)
-    )
-    few = image.quantize(16)
-    assert np.array_equal(read_image(saved(tmp_path, few, "p.png")), np.asarray(few.convert("RGB")))
-    clear = image.convert("RGBA")
-    clear.putalpha(0)
-    assert (read_image(saved(tmp_path, clear, "t.png")) == 255).all()
-    cmyk = read_image(saved(tmp_path, image.resize((6, 4)).convert("CMYK"), "c.jpg", quality=95))
-    assert cmyk.shape == (4, 6, 3)
-    cv2.imwrite(str(tmp_path / "d.png"), (percepts.rgb[:, :, ::-1].astype(np.uint16) * 257))
-    assert np.array_equal(read_image(tmp_path / "d.png"), percepts.rgb)
-
-
 def test_every_kind_of_label_map(tmp_path: Path) -> None:
     ids = np.zeros((H, W), np.uint8)
     ids[2:9, 3:30], ids[20:30, 5:40] = 3, 7
@@ -131,12 +111,7 @@ def test_every_kind_of_label_map(tmp_path: Path) -> None:
         read_labels(saved(tmp_path, Image.fromarray(ids), "lossy.jpg"))
 
 
-def test_what_cannot_be_read_is_said(percepts: Percepts, tmp_path: Path) -> None:
-    (tmp_path / "broken.png").write_bytes(b"\x89PNG\r\n\x1a\n" + b"x" * 99)
-    with pytest.raises(InputError, match="is not a picture that can be read"):
-        read_image(tmp_path / "broken.png")
-    with pytest.raises(InputError, match="no such file"):
-        read_image(tmp_path / "none.png")
+def test_a_map_of_another_size_is_refused(percepts: Percepts, tmp_path: Path) -> None:
     Image.fromarray(percepts.rgb).save(tmp_path / "photo.png")
     write_assets(percepts, tmp_path / "assets")
     Image.fromarray(percepts.rgb[:20]).save(tmp_path / "assets" / "background.png")

@@ -271,27 +271,6 @@ def test_grey_profiles(tmp_path: Path, deep: bool) -> None:
         assert far(read_image(profiled(path, profile))[0], np.repeat(levels(meant)[:, None], 3, axis=1)) <= 1
 
 
-def test_inks_with_a_profile(tmp_path: Path) -> None:
-    """Paper is white, and each corner of the table what its Lab says: LittleCMS against CIE's formulas."""
-    lab = np.zeros((16, 3))
-    for k in range(16):
-        c, m, y, b = ((k >> s) & 1 for s in (3, 2, 1, 0))
-        lab[k] = (100 - 22 * c - 22 * m - 16 * y - 40 * b, 18 * m - 18 * c, 25 * y - 25 * c)
-    stored = np.round(lab * [2.55, 1, 1] + [0, 128, 128]).clip(0, 255).astype(np.uint8)
-    amounts = (np.array([[(k >> s) & 1 for s in (3, 2, 1, 0)] for k in range(16)]) * 255).astype(np.uint8)
-    wide = np.repeat(np.repeat(amounts[None], 16, axis=0), 16, axis=1)
-    image = Image.frombytes("CMYK", wide.shape[1::-1], wide.tobytes())
-    image.save(tmp_path / "c.tif", icc_profile=profiles.inks(stored))
-    light, a, b = ((stored - [0, 128, 128]) / [2.55, 1, 1]).T
-    f = np.stack([(light + 16) / 116 + a / 500, (light + 16) / 116, (light + 16) / 116 - b / 200], axis=1)
-    xyz = np.where(f > 6 / 29, f**3, 3 * (6 / 29) ** 2 * (f - 4 / 29)) * profiles.D50
-    want = srgb(xyz @ np.linalg.inv(np.array(profiles.SRGB).T).T)
-    photo = read_photo(tmp_path / "c.tif")
-    assert (photo.rgb[8, 8] == 255).all()
-    assert far(photo.rgb[8:9, 8::16], levels(want)[None]) <= 3
-    assert photo.readable
-
-
 def test_a_damaged_profile_is_told_of(shown: U8, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     good = profiles.rgb(profiles.P3, profiles.SRGB_CURVE)
     for k, profile in enumerate(

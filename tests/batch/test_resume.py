@@ -31,7 +31,8 @@ def render(capsys: pytest.CaptureFixture[str]) -> Render:
 
     def run(scene: Path, *flags: str, code: int = 0) -> dict[str, str]:
         capsys.readouterr()
-        assert main(["render", str(scene), "-o", str(scene.parent / "out"), "--json", *flags]) == code
+        page = () if "--report" in flags else ("--report", "none")
+        assert main(["render", str(scene), "-o", str(scene.parent / "out"), "--json", *page, *flags]) == code
         *lines, last = map(json.loads, capsys.readouterr().out.splitlines())
         assert last["clips"] == len(lines) == sum(last[state] for state in ("made", "unchanged", "failed"))
         return {line["clip"]: line["state"] for line in lines}
@@ -64,18 +65,18 @@ def test_what_is_there_is_not_made_again(lesson: Path, render: Render) -> None:
     ],
 )
 def test_another_question_is_answered_anew(lesson: Path, render: Render, flags: tuple[str, ...]) -> None:
-    render(lesson, "--report", "none")
-    assert render(lesson, "--report", "none") == {"lesson": "unchanged"}
-    assert render(lesson, "--report", "none", *flags) == {"lesson": "made"}
-    assert render(lesson, "--report", "none", *flags) == {"lesson": "unchanged"}
+    render(lesson)
+    assert render(lesson) == {"lesson": "unchanged"}
+    assert render(lesson, *flags) == {"lesson": "made"}
+    assert render(lesson, *flags) == {"lesson": "unchanged"}
 
 
 def test_what_the_clip_was_made_of_counts_by_its_bytes(pictured: Path, render: Render) -> None:
     def again() -> str:
-        return render(pictured, "--report", "none")["pictured"]
+        return render(pictured)["pictured"]
 
     assert [again(), again()] == ["made", "unchanged"]
-    pictured.write_text(pictured.read_text() + "# a note\n")  # it is in the report
+    pictured.write_text(pictured.read_text() + "# a note\n")
     assert [again(), again()] == ["made", "unchanged"]
     photo = pictured.with_name("photo.png")
     picture = cv2.imread(str(photo))
@@ -119,7 +120,7 @@ def test_a_failure_is_a_line_and_a_trace_and_stops_nobody(lesson: Path, render: 
     broken = lesson.with_name("a-broken.yaml")
     broken.write_text(lesson.read_text().replace("mass: 200", "mass: heavy"))
     out = lesson.parent / "out"
-    assert main(["render", str(broken), str(lesson), "-o", str(out), "--jobs", "2", "--json"]) == 2
+    assert main(["render", str(broken), str(lesson), "-o", str(out), "--json"]) == 2
     lines = list(map(json.loads, capsys.readouterr().out.splitlines()))
     assert [(line["clip"], line["state"]) for line in lines[:-1]] == [
         ("a-broken", "failed"),

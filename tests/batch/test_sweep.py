@@ -37,23 +37,23 @@ def test_names_say_what_differs() -> None:
     assert names("boundaries.floor.segment[0][1]=1,2")[0] == "00,segment.0.y=1"
 
 
-def test_ten_thousand_names_are_unique_safe_short_and_in_order() -> None:
+def test_two_thousand_names_are_unique_safe_short_and_in_order() -> None:
     arguments = [
-        "objects.cue.velocity.0=-900:900:25", "render.size=[256,256],[64, 48]", "objects.cue.label='a/b','..'",
+        "objects.cue.velocity.0=-900:900:5", "render.size=[256,256],[64, 48]", "objects.cue.label='a/b','..'",
         "objects.cue.mass=~uniform(1,1.0001)", "world.gravity=~choice([0, 980], [0, 0])",
     ]  # fmt: skip
     sweep = planned(read_axes(arguments), (None, "very-heavy"), 50)
     found = [point.name for point in sweep]
-    assert len(found) == len({name.lower() for name in found}) == 10_000
+    assert len(found) == len({name.lower() for name in found}) == 2000
     assert all(re.fullmatch(r"[\w.,=+-]+", name) and len(name.encode()) <= MAX_NAME_BYTES for name in found)
-    assert sorted(random.Random(1).sample(found, 10_000), key=natural) == found
+    assert sorted(random.Random(1).sample(found, 2000), key=natural) == found
 
 
 def test_names_stay_when_a_sweep_grows() -> None:
     small = names("a.mass=1,2", "a.friction=0.1,0.2")
     assert set(small) < set(names("a.mass=1,2,3", "a.friction=0.1,0.2,0.25"))
     some = names("a.mass=~uniform(0,1)", samples=20)
-    assert some == names("a.mass=~uniform(0,1)", samples=12_000)[:20]
+    assert some == names("a.mass=~uniform(0,1)", samples=1200)[:20]
 
 
 @given(st.lists(st.tuples(st.text(max_size=12), st.text(max_size=200)), max_size=12), st.integers(0, 10**7))

@@ -136,18 +136,3 @@ def test_files_that_are_written_are_read_again(pictured: Path, ran: Counter[str]
     few = clip(over, (), at_hand)
     base.write_text(base.read_text().replace("0.1", "0.2"))
     assert len(clip(over, (), at_hand)["frames"]) == 2 * len(few["frames"])  # type: ignore[arg-type]
-
-
-def test_a_file_with_a_mistake_is_told_each_time_and_mended_in_between(lesson: Path) -> None:
-    from physgen.problems import InputError
-
-    at_hand = Stages()
-    right = lesson.read_text()
-    lesson.write_text(right.replace("mass: 200", "mass: heavy"))
-    for _ in range(2):
-        with pytest.raises(InputError, match=r"crate\.mass"):
-            clip(lesson, ("objects.ball.mass=7",), at_hand)
-    lesson.write_text(right)
-    clip(lesson, ("objects.ball.mass=7",), at_hand)
-    with pytest.raises(InputError, match=r"ball\.mass"):
-        clip(lesson, ("objects.ball.mass=soft",), at_hand)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +12,6 @@ import physics
 import pytest
 from closed_forms import main
 from physics import ROWS, examples
-from physics.page import page
 from physics.scorecard import (
     Case,
     Measure,
@@ -70,13 +67,6 @@ def test_a_missed_bar_exits_1(monkeypatch, capsys) -> None:
     printed = capsys.readouterr().out
     assert "FAIL" in printed
     assert "0 of 1 rows pass." in printed
-
-
-def test_an_unknown_row_is_refused(capsys) -> None:
-    with pytest.raises(SystemExit) as stop:
-        main(["--rows", "99"])
-    assert stop.value.code == 2
-    assert "99 is no row" in capsys.readouterr().err
 
 
 def test_the_command_of_before_names_its_place(capsys) -> None:
@@ -135,43 +125,7 @@ def test_what_is_no_number_misses_its_bar(tmp_path: Path) -> None:
     json.dumps(result, allow_nan=False)
 
 
-def test_a_rival_is_measured_by_the_same_rows(tmp_path: Path) -> None:
-    """Any function of a world and a rate that gives a trajectory can stand in for the engine."""
-    seen = []
-
-    def rival(world, rate):
-        seen.append(rate)
-        return pipeline.simulate(world, rate)
-
-    row = ROWS[16]
-    write_scenes(row, 0, tmp_path)
-    run_draw(row, 0, tmp_path, simulate=rival)
-    assert seen == [480.0, 480.0]  # g and 4 g
-
-
-def test_rivals_have_columns_where_they_were_measured() -> None:
-    measure = {
-        "name": "x", "unit": "part", "bar": 0.01, "error": 0.001, "worst": "draw 1", "passed": True,
-        "convergence": {"960": 0.001}, "rivals": {"mujoco": 0.02, "box2d": None},
-    }  # fmt: skip
-    row = {
-        "row": 1, "name": "fall", "title": "fall", "closed_form": "y | z", "draws": "some", "why": "so", "passed": True,
-        "scenes": ["01-fall.yaml"], "measures": [measure], "problems": [],
-    }  # fmt: skip
-    text = page([row], "a machine")
-    assert "| # | test | closed form | bar | error | 960/s | mujoco | box2d |" in text
-    assert "| [1](../scenes/physics/01-fall.yaml) | fall | y \\| z | 1 % | 0.1 % | 0.1 % | 2 % | - |" in text
-
-
 # ---- what is committed -------------------------------------------------------------------------------------------
-
-
-def test_page_is_what_its_json_says() -> None:
-    code = (
-        "import sys; sys.path.insert(0, 'benchmarks'); import tables; sys.stdout.write(tables.physics_page())"
-    )
-    run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert (ROOT / "docs" / "physics.md").read_text() == run.stdout
 
 
 def test_json_is_of_these_rows() -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,7 +24,6 @@ RIVALS = tuple(
     name for name in TABLE if name != "box2d" or sys.version_info < (3, 14)
 )  # has no wheel from there on
 ENGINES = ("ours", *RIVALS)
-ROOT = Path(__file__).resolve().parents[2]
 FREE = {"gravity": (0.0, 0.0)}
 TILT = np.radians(15)
 

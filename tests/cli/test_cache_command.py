@@ -67,25 +67,6 @@ def test_answers_of_a_language_model_stay(capsys) -> None:
     assert answer.exists()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (
-            ["cache"],
-            "physgen cache: the following arguments are required: {show,clear}; see physgen cache --help",
-        ),
-        (["cache", "purge"], "physgen cache: argument {show,clear}: invalid choice: 'purge'"),
-    ],
-)
-def test_wrong_flags_get_one_line(arguments: list[str], message: str, capsys) -> None:
-    with pytest.raises(SystemExit) as stop:
-        main(arguments)
-    assert stop.value.code == 2
-    told = capsys.readouterr().err
-    assert told.startswith(message)
-    assert len(told.splitlines()) == 1
-
-
 def test_a_wrong_bound_gets_one_line(capsys, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PHYSGEN_CACHE_BYTES", "much")
     assert main(["cache", "show"]) == 2

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +12,6 @@ from physgen.batch.run import Job
 from physgen.cli.main import main
 from physgen.pipeline import RenderOptions
 
-ROOT = Path(__file__).resolve().parents[2]
 SCENE = """\
 physgen: 1
 size: [64, 48]
@@ -56,13 +53,3 @@ def test_another_fan_is_another_clip() -> None:
 
     assert len({mark(), mark(draws=8), mark(draws=9), mark(draws=8, draw_seed=1)}) == 4
     assert mark(draw_seed=3) == mark(), "a seed of no draws is none"
-
-
-def test_fan_page_is_what_its_json_says() -> None:
-    code = (
-        "import sys, json; sys.path.insert(0, 'benchmarks'); import sureness as s;"
-        "sys.stdout.write(s.page(s.PAGE.read_text(), json.loads(s.RESULT.read_text())))"
-    )
-    run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert (ROOT / "docs/fan.md").read_text() == run.stdout
-    assert "| names | test |" in run.stdout

@@ -180,13 +180,3 @@ def test_faults_and_oddities_are_told_by_the_name_of_the_pack(lesson: Path, caps
     odd = capsys.readouterr().err.splitlines()
     assert odd
     assert all(line.startswith("lesson.physgen: lesson/scene.yaml:") for line in odd)
-
-
-def test_a_zip_of_another_program_is_kept(lesson: Path, capsys: Capture) -> None:
-    import zipfile
-
-    with zipfile.ZipFile("theirs.physgen", "w") as file:
-        file.writestr("notes.txt", "mine")
-    before = Path("theirs.physgen").read_bytes()
-    assert main(["pack", str(lesson), "-o", "theirs.physgen"]) == 0
-    assert Path("theirs.physgen~").read_bytes() == before

@@ -106,27 +106,6 @@ def test_the_first_frame_is_the_photo_and_the_next_ones_leave_it_step_by_step(
 
 
 @pytest.mark.parametrize("variant", ROWS.values())
-def test_half_of_fifty_steps_run_and_twenty_are_fused(variant: str, video: Video):
-    heard: list[tuple[str, int, int]] = []
-    frames, coverage = clip(1)
-    how = replace(HOW, steps=50, stop=5, prompt=PromptSettings("", "", 1.0))
-    run = Refinement(video(variant), how, SIZE, 1, lambda *step: heard.append(step))
-    list(run.frames(frames, coverage))
-    assert heard == [("refine", k, 25) for k in range(26)]
-    assert (run.note()["steps_run"], run.note()["steps_fused"]) == (25, 20)
-
-
-@pytest.mark.parametrize("variant", ROWS.values())
-def test_the_seed_decides_and_nothing_else(variant: str, video: Video):
-    model = video(variant)
-    torch.manual_seed(1)
-    first = refined(model)
-    torch.manual_seed(2)
-    assert np.array_equal(first, refined(model))
-    assert not np.array_equal(first, refined(model, replace(HOW, seed=1)))
-
-
-@pytest.mark.parametrize("variant", ROWS.values())
 def test_words_are_heard_as_much_as_is_said(variant: str, video: Video):
     """Classifier-free guidance is linear in its scale, and at 1 there is nothing to be guided from."""
     model, frames = video(variant), clip(5, (32, 32))[0]

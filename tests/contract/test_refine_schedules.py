@@ -54,18 +54,3 @@ def test_steps_are_those_of_diffusers(name: str, steps: int) -> None:
     for k, time in enumerate(schedule.times.tolist()):
         expected = theirs.step(torch.from_numpy(said), time, torch.from_numpy(z)).prev_sample.numpy()
         assert schedule.stepped(said, z, k) == approx(expected, abs=2e-5, rel=1e-5)
-
-
-@pytest.mark.parametrize("name", SCHEDULERS)
-def test_one_schedule_does_not_disturb_another(name: str) -> None:
-    scheduler, (z, said) = SCHEDULERS[name](), pictures()
-    schedule = ddim(scheduler, 50, 25)
-    before = schedule.stepped(said, z, 3)
-    ddim(scheduler, 1, 1)
-    assert (schedule.stepped(said, z, 3) == before).all()
-
-
-@pytest.mark.parametrize("name", SCHEDULERS)
-@pytest.mark.parametrize("steps", [50, 150, 350, 1000])
-def test_the_whole_schedule_starts_from_noise(name: str, steps: int) -> None:
-    assert ddim(SCHEDULERS[name](), steps, steps).times[0] >= 1000 - 1000 / steps

@@ -15,7 +15,6 @@ from physgen import registry
 from physgen.perceive.backends.segment_grounded import GroundingDino, Sam, pixels
 from physgen.perceive.roles import Category, PromptedMask, Segments
 from physgen.perceive.segment.prompts import Segmenter, from_prompts
-from physgen.problems import InputError
 from physgen.registry import Backends
 
 pytestmark = pytest.mark.slow
@@ -215,19 +214,6 @@ def only(backend) -> Segmenter:
     crew = Backends()
     crew._made["segment"] = backend
     return Segmenter(crew)
-
-
-def test_prompts_off_the_photo_are_told_before_any_model_is_asked():
-    class Never:
-        def __call__(self, rgb):
-            return Segments(np.zeros(rgb.shape[:2], np.uint16), np.zeros(0))
-
-        def meant(self, rgb, boxes, points):
-            raise AssertionError
-
-    with pytest.raises(InputError) as error:
-        from_prompts(photo(60, 80), [(500, 0, 5, 5)], [(-3, 4)], only(Never()))
-    assert len(error.value.problems) == 2
 
 
 def test_what_a_model_does_not_know_is_found_without_it():

@@ -8,16 +8,13 @@ import shutil
 import signal
 import subprocess
 import sys
-import threading
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-import httpx
 import pytest
-from served import Killable, Served, client
-
-from physgen.edit.app import Editor
+from served import Killable, Served, behind_a_server, client
 
 SCENES = Path(__file__).parents[2] / "scenes"
 
@@ -41,24 +38,13 @@ def copied(tmp_path: Path) -> Callable[[str], Path]:
 @pytest.fixture
 def serving(copied: Callable[[str], Path]) -> Iterator[Callable[..., Served]]:
     """A scene, by name or path, behind a server in a thread; any number of them."""
-    running: list[tuple[Editor, threading.Thread, httpx.Client]] = []
+    with ExitStack() as running:
 
-    def serve(scene: str | Path, **told: Any) -> Served:
-        path = copied(scene) if isinstance(scene, str) else scene
-        editor = Editor(path, **told)
-        thread = threading.Thread(target=editor.run, daemon=True)
-        thread.start()
-        asks = client(editor.address)
-        running.append((editor, thread, asks))
-        return Served(path, editor.address, asks, editor)
+        def serve(scene: str | Path, **told: Any) -> Served:
+            path = copied(scene) if isinstance(scene, str) else scene
+            return running.enter_context(behind_a_server(path, **told))
 
-    yield serve
-    for editor, thread, asks in running:
-        asks.close()
-        editor.stop()
-        thread.join(30)
-        editor.close()
-        assert not thread.is_alive()
+        yield serve
 
 
 @pytest.fixture

@@ -8,14 +8,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from browser import launched
+from browser import grave, launched
 
-__all__ = ["GRAVE", "Desk", "launched", "seated"]
+__all__ = ["Desk", "launched", "seated"]
 
 WIDE = {"width": 1440, "height": 900}
-NARROW = {"width": 390, "height": 844}
 Point = Sequence[float]
-GRAVE = ("serious", "critical")
 QUIET = ("Failed to load resource", "net::ERR")
 """What a browser says by itself of an answer that is no, or of a server that is gone."""
 
@@ -111,10 +109,7 @@ class Desk:
 
     def grave(self, selector: str = "body") -> list[str]:
         """What axe finds seriously wrong below a selector."""
-        from axe_playwright_python.sync_playwright import Axe
-
-        found = Axe().run(self.page, context=selector).response["violations"]
-        return [f"{row['id']}: {row['nodes'][0]['html'][:160]}" for row in found if row["impact"] in GRAVE]
+        return grave(self.page, selector)
 
 
 @contextmanager

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import signal
 import subprocess
+import threading
 from base64 import b64decode
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -67,6 +70,20 @@ class Served:
 def client(address: str) -> httpx.Client:
     base, _, token = address.partition("/?token=")
     return httpx.Client(base_url=base, headers={"X-Physgen-Token": token}, timeout=60)
+
+
+@contextmanager
+def behind_a_server(path: Path, **told: Any) -> Iterator[Served]:
+    """A scene behind a server in a thread."""
+    editor = Editor(path, **told)
+    thread = threading.Thread(target=editor.run, daemon=True)
+    thread.start()
+    with client(editor.address) as asks:
+        yield Served(path, editor.address, asks, editor)
+    editor.stop()
+    thread.join(30)
+    editor.close()
+    assert not thread.is_alive()
 
 
 class Killable(Served):

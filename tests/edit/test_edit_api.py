@@ -60,7 +60,7 @@ def test_any_operation_on_a_scene_is_made_or_refused_and_can_be_undone(serving: 
     served = serving("physics/05-slide")
     first = served.look()["text"]
 
-    @settings(STEADY, max_examples=50)
+    @settings(STEADY)
     @given(st.lists(OPS, min_size=1, max_size=3))
     def asked(ops: list[dict[str, Any]]) -> None:
         answer = served.send("/api/edit", ops=ops)

@@ -63,12 +63,9 @@ def simulated(path: Path, *flags: str) -> Trajectory:
 @pytest.mark.parametrize(
     ("name", "ops", "variant"),
     [
-        ("wall-ball", [], None),
         ("wall-ball", [], "beach-ball"),
-        ("billiards", [{"set": ["objects", "cue-ball", "velocity"], "value": [-700, 40]}], None),
         ("seesaw", [{"set": ["world", "gravity"], "value": [30, 600]}], None),
         ("dominoes", [{"set": ["objects", "domino-3", "place"], "value": [300, 200, 20]}], None),
-        ("physics/04-bounces", [{"set": ["world", "duration"], "value": 0.7}], None),
     ],
 )
 def test_poses_are_those_of_simulate_to_the_bit(

@@ -286,7 +286,7 @@ def test_the_same_scene_again_shows_the_editor_that_has_it(serving: Serve, capsy
 def test_a_photo_is_perceived_first_and_its_scene_opened_the_next_time(killable, disc: Path) -> None:
     photo = disc.with_name("photo.png")
     marbles = cv2.imread(str(ROOT / "scenes/marbles/photo.png"))
-    cv2.imwrite(str(photo), cv2.resize(marbles, None, fx=0.4, fy=0.4, interpolation=cv2.INTER_AREA))
+    cv2.imwrite(str(photo), cv2.resize(marbles, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA))
     first: Killable = killable(photo)
     scene = photo.with_name("photo.yaml")
     state = first.look()

@@ -17,7 +17,6 @@ from physgen.evaluate.measure import (
     Section,
     Table,
     as_json,
-    columns,
     markdown,
     text,
     write_page,
@@ -96,11 +95,6 @@ def test_a_missed_bar_is_said_everywhere() -> None:
 def test_no_number_is_no_result() -> None:
     with pytest.raises(ValueError, match="not JSON compliant"):
         as_json(found(value=nan))
-
-
-def test_numbers_stand_to_the_right() -> None:
-    lines = columns(Table(("name", "n"), (("a", "5"), ("bc", "105"))))
-    assert lines == ["name    n", "----  ---", "a       5", "bc    105"]
 
 
 def test_markdown_keeps_its_columns() -> None:

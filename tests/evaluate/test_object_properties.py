@@ -28,7 +28,6 @@ from physgen.evaluate.properties import (
 )
 from physgen.problems import InputError
 from physgen.registry import Backends
-from physgen.simulate.uncertainty import wilson
 
 TABLE = """\
 title: two balls and a box
@@ -62,12 +61,6 @@ def test_masses_as_the_definitions_say() -> None:
     assert score.ade == pytest.approx(sum(abs(p - t) for t, p in pairs) / n)
     assert score.near == 2  # just 30 % off still counts, a little more does not
     assert masses([]) is None
-
-
-@pytest.mark.parametrize(("hits", "count"), [(0, 5), (15, 20), (20, 20)])
-def test_the_interval_is_wilsons(hits: int, count: int) -> None:
-    found = stats.binomtest(hits, count).proportion_ci(method="wilson")
-    assert wilson(hits, count) == pytest.approx((found.low, found.high), abs=1e-9)
 
 
 def test_order_agrees_with_kendall() -> None:

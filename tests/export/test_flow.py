@@ -142,20 +142,3 @@ def test_labels_beside_a_clip_are_those_of_the_export_and_change_no_frame(
     told = json.loads((beside / "manifest.json").read_text())
     assert "truth/flo/forward/00000.flo" in told["files"]
     assert told["stages"]["export"]["cpu"] > 0
-
-
-def test_formats_that_are_none_are_refused_before_anything_is_made(
-    photo: Path, tmp_path: Path, capsys
-) -> None:
-    scene = str(photo / "side.yaml")
-    assert main(["export", scene, "--format", "flow,koko,flo", "-o", str(tmp_path / "labels")]) == 2
-    lines = capsys.readouterr().err.splitlines()
-    assert lines[0] == '--format: "flow" is no format; did you mean "flo"?'
-    assert lines[1].startswith('--format: "koko" is no format; ')
-    assert not (tmp_path / "labels").exists()
-    assert main(["render", scene, "--export", "flow", "-o", str(tmp_path / "out")]) == 2
-    assert capsys.readouterr().err.startswith('--export: "flow" is no format; did you mean "flo"?')
-    (tmp_path / "labels" / "side").mkdir(parents=True)
-    (tmp_path / "labels" / "side" / "mine.txt").write_text("x")
-    assert main(["export", scene, "--format", "flo", "-o", str(tmp_path / "labels")]) == 2
-    assert "was not made by physgen" in capsys.readouterr().err

@@ -113,34 +113,6 @@ def test_tracks_are_the_motion_of_the_poses(edits: tuple, export) -> None:
         np.testing.assert_allclose(points @ [1, 1j], want, atol=1e-3)
 
 
-@pytest.mark.parametrize("case", [("side", ()), ("side", (CAMERA,)), ("top", ())])
-def test_tracks_are_where_flow_leads(case: tuple, export) -> None:
-    scene, edits = case
-    folder = export(scene, "tapvid,flo,davis", *edits)
-    read, ids = Read(folder), shown(folder)
-    flows = [cv2.readOpticalFlow(str(path)) for path in sorted((folder / "flo" / "forward").glob("*.flo"))]
-    count, longest = 0, 0
-    for k in range(len(read.px)):
-        t, y, x = read.queries[k]
-        place, steps = np.array([x, y]) - 0.5, 0
-        for frame in range(int(t), len(flows)):
-            column, row = np.floor(place).astype(int)
-            around = ids[frame, max(row - 1, 0) : row + 3, max(column - 1, 0) : column + 3]
-            if read.occluded[k, frame] or around.size < 16 or (around != read.object[k]).any():
-                break  # between a thing's flow and that of what is behind it there is none
-            px, py = place - (column, row)
-            corner = flows[frame][row : row + 2, column : column + 2].astype(np.float64)
-            step = np.einsum("i,j,ijk", [1 - py, py], [1 - px, px], corner)
-            if case[0] == "top" and read.object[k] == BALL:
-                place = read.px[k, frame]  # a sphere's flow is not linear: step by step
-            place, steps = place + step, steps + 1
-            assert np.abs(place - read.px[k, frame + 1]).max() < 0.05
-            count += 1
-        longest = max(longest, steps)
-    assert count > 500
-    assert longest == len(flows)
-
-
 def test_points_are_queried_on_their_things_and_hidden_by_others(export) -> None:
     folder = export("side", "tapvid,davis", *PASSING)
     read, ids = Read(folder), shown(folder)

@@ -7,7 +7,7 @@ from math import pi
 import numpy as np
 import pytest
 from drawings import L_SHAPE, box, circle
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from physgen.geometry.polygon import Region, Ring, mass_properties, rotation
@@ -56,7 +56,6 @@ def test_no_area_is_an_error():
         mass_properties(region(np.array([[0.0, 0.0], [1.0, 1.0], [2.0, 2.0]])))
 
 
-@settings(max_examples=50, deadline=None)
 @given(st.floats(-1e4, 1e4), st.floats(-1e4, 1e4), st.floats(-7, 7), st.booleans())
 def test_moving_turning_and_mirroring_change_the_centre_only(x, y, angle, mirrored):
     flip = np.diag([-1.0 if mirrored else 1.0, 1.0])

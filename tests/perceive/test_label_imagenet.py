@@ -17,7 +17,7 @@ from physgen.materials import kind
 from physgen.perceive.backends import label_imagenet as naming
 from physgen.perceive.document import write_scene
 from physgen.perceive.perceive import perceive
-from physgen.perceive.roles import Detections, Name
+from physgen.perceive.roles import Name
 from physgen.perceive.segment.prompts import from_masks
 from physgen.perceive.support.viewpoint import _is_living
 from physgen.scene.load import load
@@ -128,10 +128,6 @@ def test_a_users_label_wins(photo, tmp_path: Path) -> None:
     assert (steel.label, other.label) == ("steel ball", "tennis ball")
     assert "label" not in steel.provenance
     assert steel.mass > 5 * other.mass
-    given = from_masks(labels)
-    given = Detections(given.labels, "given", given.confidence, {int(labels.max()): Name("orange", 1.0)})
-    entries = perceive(rgb, given).document["objects"].values()
-    assert ("orange", "given 1") in [(one["label"], one["from"]["label"]) for one in entries]
 
 
 def test_specks_are_not_shown_to_the_network(monkeypatch, photo) -> None:

@@ -123,9 +123,7 @@ def test_a_scene_tells_layers_with_who_said_so_and_why(scene: Path) -> None:
 
 
 @pytest.mark.parametrize(("edit", "after"), [
-    (lambda wheel, car: None, {2: 1, 3: 1}),
     (lambda wheel, car: wheel.update(layer=-2), {2: -2, 3: 1}),
-    (lambda wheel, car: (wheel.pop("layer"), wheel["from"].pop("layer")), {2: 1, 3: 1}),
     (lambda wheel, car: car.update(layer=4), {1: 4, 2: 5, 3: 5}),
 ])  # fmt: skip
 def test_refreshing_keeps_the_layers_that_a_person_set(scene: Path, edit, after) -> None:  # type: ignore[no-untyped-def]

@@ -127,26 +127,7 @@ def test_a_sensible_scene_comes_of_odd_masks_and_stands_still(shown, tmp_path: P
     assert np.abs(poses[:, :, :2] - poses[:1, :, :2]).max() < STILL
 
 
-def test_masks_of_another_size_are_refused_with_both_sizes(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    labels = at_the_border()
-    cv2.imwrite(str(tmp_path / "photo.png"), drawn(labels)[..., ::-1])
-    cv2.imwrite(str(tmp_path / "masks.png"), labels[:100])
-    path = tmp_path / "scene.yaml"
-    assert (
-        main(
-            ["perceive", str(tmp_path / "photo.png"), "--masks", str(tmp_path / "masks.png"), "-o", str(path)]
-        )
-        == 2
-    )
-    said = capsys.readouterr().err
-    assert "240 x 100 px" in said
-    assert "240 x 160 px" in said
-    assert not path.exists()
-
-
-@pytest.mark.parametrize("size", [(3, 4), (4, 3), (6, 2), (4, 4)], ids=lambda size: f"{size[0]}x{size[1]}")
+@pytest.mark.parametrize("size", [(3, 4), (6, 2)], ids=lambda size: f"{size[0]}x{size[1]}")
 def test_a_few_px_stand_on_a_level_floor(size: tuple[int, int], tmp_path: Path) -> None:
     labels = empty()
     box(labels, 1, 60, 90, 40, 50)

@@ -105,13 +105,14 @@ def test_a_box_around_nothing_still_gives_a_mask(kind: str) -> None:
         assert meant.confidence < 0.1
 
 
-def test_the_scene_says_where_a_person_pointed(tmp_path: Path) -> None:
+def test_the_scene_says_where_a_person_pointed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rgb, labels = crates()
     photo, scene = tmp_path / "photo.png", tmp_path / "scene.yaml"
     cv2.imwrite(str(photo), rgb[..., ::-1])
     assert (
         main(["perceive", str(photo), "--box", "95,55,80,80.5", "--point", "95,205", "-o", str(scene)]) == 0
     )
+    assert "nothing that stands out" not in capsys.readouterr().err
     found = {o.prompt for o in pipeline.load(scene).objects}
     assert found == {BoxPrompt((95, 55, 80, 80.5)), PointPrompt((95, 205))}
     assert main(["perceive", str(photo), "--box", "95,55,80,80.5", "--side", "150", "-o", str(scene)]) == 0
@@ -121,34 +122,10 @@ def test_the_scene_says_where_a_person_pointed(tmp_path: Path) -> None:
     assert overlap(np.repeat(np.repeat(mask, 2, 0), 2, 1), labels == 3) > 0.8
 
 
-@pytest.mark.parametrize(
-    ("prompt", "message"),
-    [
-        ("{box: [1, 2, 3]}", "prompt.box"),
-        ("{box: [1, 2, 0, 4]}", "prompt.box"),
-        ("{point: [1, 2], box: [1, 2, 3, 4]}", "prompt"),
-        ("{dot: [1, 2]}", "prompt"),
-    ],
-)
-def test_a_wrong_prompt_is_refused(
-    prompt: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    scene = tmp_path / "scene.yaml"
-    circle = "shape: {circle: {center: [9, 9], radius: 3}}"
-    scene.write_text(f"physgen: 1\nsize: [64, 48]\nobjects:\n  a: {{{circle}, prompt: {prompt}}}\n")
-    assert main(["check", str(scene)]) == 2
-    assert f"objects.a.{message}" in capsys.readouterr().err
-
-
-def test_a_box_on_nothing_is_said_to_show_nothing_and_one_on_a_ball_is_not(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    rgb, labels = balls()
+def test_a_box_on_nothing_is_said_to_show_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rgb, _ = balls()
     rgb[:, :60] = rgb[0, 0]
     photo = tmp_path / "photo.png"
     cv2.imwrite(str(photo), rgb[..., ::-1])
-    around = ",".join(f"{v:g}" for v in moved(tight(labels == 3), (0.1, 0.1, 0.1, 0.1)))
-    assert main(["perceive", str(photo), "--box", around, "-o", str(tmp_path / "ball.yaml")]) == 0
-    assert "nothing that stands out" not in capsys.readouterr().err
     assert main(["perceive", str(photo), "--box", "8,8,30,30", "-o", str(tmp_path / "none.yaml")]) == 0
     assert "--box 8,8,30,30: warning: shows nothing that stands out" in capsys.readouterr().err

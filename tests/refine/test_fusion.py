@@ -8,16 +8,11 @@ from functools import partial
 import numpy as np
 import pytest
 from gaussian import Gaussian, Straight, ddim
-from hypothesis import given
-from hypothesis import strategies as st
 from pytest import approx
 
-from physgen.problems import Place
 from physgen.refine.denoiser import PromptSettings
 from physgen.refine.fusion import (
-    RefineSettings,
     fused,
-    no_steps_problem,
 )
 
 STEPS, COUNT, STOP = 50, 25, 5
@@ -141,20 +136,3 @@ def test_fresh_noise_in_every_step_loses_what_the_same_keeps(mask: float, spread
     assert lost < 0.92 * kept
     if spread < 1:
         assert lost < 0.7 * kept
-
-
-HOW = RefineSettings(0.5, 5, 50, 0, PromptSettings("", "", None), 0.0, 1.0, 0)
-
-
-@given(steps=st.integers(1, 1000))
-def test_what_leaves_no_step_is_told_with_the_least_that_does(steps: int) -> None:
-    from dataclasses import replace
-
-    problem = no_steps_problem(
-        replace(HOW, steps=steps, strength=0.0), Place("scene.yaml", 3, 5), "refine.strength"
-    )
-    assert str(problem).startswith(
-        f"scene.yaml:3:5: refine.strength: 0 leaves none of {steps} steps to run; write at"
-    )
-    least = float(problem.fix.removeprefix("write at least ").partition(",")[0])
-    assert no_steps_problem(replace(HOW, steps=steps, strength=least), Place("x"), "") is None

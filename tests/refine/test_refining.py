@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gaussian import Gaussian, Straight
+from gaussian import Gaussian
 from pytest import approx
 
 from physgen.problems import InputError
@@ -49,19 +49,6 @@ def refined(
     return made
 
 
-def apart(one: list[np.ndarray], two: list[np.ndarray]) -> float:
-    return float(np.abs(np.stack(one).astype(int) - np.stack(two)).mean())
-
-
-@pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS)
-@pytest.mark.parametrize("kind", [Gaussian, Straight])
-@pytest.mark.parametrize("count", [1, 2, 11])
-def test_all_objects_and_no_weight_give_the_guidance_to_the_byte(grid: Grid, kind, count: int) -> None:
-    """At full resolution too, where the model is shown a smaller video."""
-    made = refined(kind(grid), replace(HOW, stop=0), count=count, covers=1.0, weight=lambda k, n: 0.0)
-    assert np.array_equal(made, clip(count=count)[0])
-
-
 @pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS)
 def test_objects_stay_nearer_than_the_rest(grid: Grid) -> None:
     frames, coverage = clip()
@@ -83,17 +70,6 @@ def test_the_first_frame_is_kept_and_what_follows_leaves_it_slowly(grid: Grid) -
     assert (change <= (1 - stay) * most + 0.5).all()  # half a code of rounding
     assert np.diff(change).max() < 0.3 * most.max()  # no jump anywhere on the way
     assert np.array_equal(eased[13:], free[13:])
-
-
-def test_one_seed_gives_the_same_bytes_and_another_others() -> None:
-    a, b, c = (refined(Gaussian(), replace(HOW, seed=seed)) for seed in (4, 4, 5))
-    assert np.array_equal(a, b)
-    assert apart(a, c) > 3
-
-
-def test_too_little_memory_is_reported() -> None:
-    with pytest.raises(InputError, match="refine: 11 latent frames of 64 x 40 px do not fit into the memory"):
-        refined(Gaussian(most=1000))
 
 
 class Broken(Gaussian):

@@ -118,15 +118,6 @@ def test_what_fails_leaves_the_clip_unrefined(capsys: pytest.CaptureFixture[str]
     assert 'src="unrefined.mp4"' in page
 
 
-def test_too_little_memory_keeps_the_unrefined_clip(capsys: pytest.CaptureFixture[str]) -> None:
-    Path("physgen.toml").write_text("[exact]\nmost = 1000\n", encoding="utf-8")
-    told = rendered("--refine", "exact", "--config", "physgen.toml", code=2)
-    said = capsys.readouterr().err
-    assert "do not fit into the memory of the device" in said
-    assert Path("out/pair/unrefined.mp4").is_file()
-    assert told["frames"] == []
-
-
 def test_a_scene_without_objects_is_refined_all_over() -> None:
     Path("empty.yaml").write_text(
         "physgen: 1\nsize: [64, 48]\nobjects: {}\nrefine: {backend: exact, steps: 4, stop: 1}\n"

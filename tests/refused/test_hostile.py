@@ -16,6 +16,9 @@ from pathlib import Path
 
 import pytest
 
+from physgen.problems import InputError
+from physgen.scene.load import load
+
 SECONDS = 6
 """Of processor time: 2 s on a machine of its own, more where its cores are shared with other work."""
 BYTES = 500 * 10**6
@@ -53,6 +56,19 @@ def said(folder: Path, name: str = "scene.yaml", flags: tuple[str, ...] = ()) ->
     lines = done.stdout.decode().splitlines()
     assert all(len(line) < 700 for line in lines)
     return lines
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[str]]:
+    """The messages about a file in the test's folder, or below, read in this process: no parser sees it."""
+
+    def read(folder: Path = tmp_path, name: str = "scene.yaml", flags: tuple[str, ...] = ()) -> list[str]:
+        monkeypatch.chdir(folder)
+        with pytest.raises(InputError) as error:
+            load(name, flags)
+        return str(error.value).splitlines()
+
+    return read
 
 
 HEAD = "physgen: 1\nsize: [64, 48]\n"
@@ -161,9 +177,9 @@ def test_many_problems_end(tmp_path: Path) -> None:
         (b"\0" * 10**6, "scene.yaml:1:1: not YAML: control characters are not allowed; take it out"),
     ],
 )
-def test_bytes(data: bytes, message: str, tmp_path: Path) -> None:
+def test_bytes(data: bytes, message: str, tmp_path: Path, here) -> None:
     (tmp_path / "scene.yaml").write_bytes(data)
-    assert said(tmp_path) == [message]
+    assert here() == [message]
 
 
 def _png(width: int, height: int) -> bytes:
@@ -177,20 +193,18 @@ def _png(width: int, height: int) -> bytes:
 
 
 @pytest.mark.parametrize("side", [(10_000, 10_001), (40_000, 25_000), (2**31 - 1, 2**31 - 1)])
-def test_image_of_many_pixels(side: tuple[int, int], tmp_path: Path) -> None:
+def test_image_of_many_pixels(side: tuple[int, int], tmp_path: Path, here) -> None:
     (tmp_path / "photo.png").write_bytes(_png(*side))
     (tmp_path / "scene.yaml").write_text("physgen: 1\nimage: photo.png\n")
-    assert said(tmp_path) == [
-        'scene.yaml:2:8: image: "photo.png" has more than 100 megapixels; make it smaller'
-    ]
+    assert here() == ['scene.yaml:2:8: image: "photo.png" has more than 100 megapixels; make it smaller']
 
 
-def test_damaged_images(tmp_path: Path) -> None:
+def test_damaged_images(tmp_path: Path, here) -> None:
     whole = _png(64, 48)
     (tmp_path / "scene.yaml").write_text("physgen: 1\nimage: photo.png\n")
     for length in (0, 8, 20, 30):
         (tmp_path / "photo.png").write_bytes(whole[:length])
-        (line,) = said(tmp_path)
+        (line,) = here()
         assert '"photo.png" is not an image that can be read' in line
 
 
@@ -218,32 +232,32 @@ def _secret(tmp_path: Path) -> Path:
         ("extends: scene2.yaml", "scene2.yaml"),
     ],
 )
-def test_paths_that_leave_the_folder(line: str, link: str | None, tmp_path: Path) -> None:
+def test_paths_that_leave_the_folder(line: str, link: str | None, tmp_path: Path, here) -> None:
     home = _secret(tmp_path)
     if link:
         target = {"photo.png": "secret/photo.png", "way": "secret", "scene2.yaml": "secret/scene.yaml"}[link]
         (home / link).symlink_to(tmp_path / target)
     size = "" if line.startswith("image") else "size: [64, 48]\n"
     (home / "scene.yaml").write_text(f"physgen: 1\n{size}{line}\n")
-    (message,) = said(home)
+    (message,) = here(home)
     assert "leads out of the" in message
     assert str(tmp_path) not in message
 
 
-def test_map_that_is_a_link_out(tmp_path: Path) -> None:
+def test_map_that_is_a_link_out(tmp_path: Path, here) -> None:
     home = _secret(tmp_path)
     (home / "maps").mkdir()
     (home / "maps" / "masks.png").symlink_to(tmp_path / "secret" / "masks.png")
     (home / "scene.yaml").write_text(HEAD + "assets: maps\n")
-    (message,) = said(home)
+    (message,) = here(home)
     assert '"maps/masks.png" leads out of the scene\'s folder' in message
 
 
-def test_extends_without_end(tmp_path: Path) -> None:
+def test_extends_without_end(tmp_path: Path, here) -> None:
     for n in range(20):
         (tmp_path / f"s{n}.yaml").write_text(f"physgen: 1\nextends: s{n + 1}.yaml\n")
     (tmp_path / "s20.yaml").write_text(HEAD)
-    (message,) = said(tmp_path, "s0.yaml")
+    (message,) = here(name="s0.yaml")
     assert message.startswith('s10.yaml:2:10: extends: "s11.yaml" is one of more than 10 files')
 
 

@@ -300,9 +300,12 @@ def test_a_shadow_goes_with_its_object(table) -> None:
 
 
 SCENES = sorted(path.parent.name for path in (Path(__file__).parents[2] / "scenes").glob("*/scene.yaml"))
+QUICK = ("billiards", "dominoes")
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize(
+    "name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in SCENES]
+)
 def test_the_first_frame_is_the_photo_however_it_is_lit(name) -> None:
     path = Path(__file__).parents[2] / "scenes" / name / "scene.yaml"
     maps = pipeline.percepts(pipeline.load(path))

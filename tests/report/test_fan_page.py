@@ -29,7 +29,7 @@ boundaries:
 light: {direction: [0.2, -0.7, 0.6], from: shadows 0.6}
 render: {frames: 4}
 """
-DRAWS = 12
+DRAWS = 6
 
 
 @pytest.fixture(scope="module")

@@ -112,21 +112,3 @@ def test_a_page_of_somebody_else_is_kept_and_a_file_is_no_folder(
     said = capsys.readouterr().err
     assert "is a file" in said
     assert "is no folder" in said
-
-
-def test_the_terminal_has_the_table_alone(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    result(
-        home / "study",
-        "study",
-        [{"method": "ours", "photo": {"mean": 3.86}}, {"method": "melt", "photo": {"mean": 2.0}}],
-    )
-    before = sorted(home.rglob("*"))
-    assert main(["evaluate", "leaderboard", str(home)]) == 0
-    told = capsys.readouterr().out
-    assert "study: photo: ours highest, 3.860." in told
-    assert [line.split() for line in told.splitlines() if line.startswith(("drift", "melt", "ours"))] == [
-        ["drift", "2", "0", "0", "-"],
-        ["melt", "2", "0", "0", "2.000"],
-        ["ours", "2", "0", "0", "3.860"],
-    ]
-    assert sorted(home.rglob("*")) == before

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -28,6 +29,7 @@ boundaries:
 """
 
 
+@cache
 def made(path: Path, overrides: tuple[str, ...] = ()) -> SimpleNamespace:
     scene = pipeline.load(path, overrides)
     maps = pipeline.percepts(scene)

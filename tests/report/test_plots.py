@@ -149,8 +149,7 @@ def test_a_strip_in_a_pdf_holds_frames_whole_and_its_letters(tmp_path: Path) -> 
         assert "/FontFile2" in below["/FontDescriptor"]
 
 
-@pytest.mark.parametrize("kind", ["energy", "trajectory", "strip"])
-@pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
+@pytest.mark.parametrize(("kind", "ending"), [("energy", "svg"), ("trajectory", "pdf"), ("strip", "png")])
 def test_two_runs_give_the_same_bytes(tmp_path: Path, kind: str, ending: str) -> None:
     path, files = scene(tmp_path, DROP), [tmp_path / f"{k}.{ending}" for k in (1, 2)]
     for file in files:

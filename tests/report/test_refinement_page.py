@@ -7,12 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from physgen import pipeline
-from physgen.report.clips import clips_in
 from physgen.report.films import Film
 from physgen.report.html import webp
 from physgen.report.page import PageParts, report_page
 from physgen.report.perception import compared
-from physgen.report.record import RunRecord, write_json
+from physgen.report.record import RunRecord
 from physgen.report.refinement import RefinementChanges, RefinementStrip
 
 SCENE = """\
@@ -87,21 +86,3 @@ def test_the_page_says_why_a_refinement_failed(tmp_path: Path) -> None:
     assert "<li>refine: &lt;b&gt; do not fit; write less</li>" in page
     assert "12 frames" in page
     assert "Mean change" not in page
-
-
-def test_the_gallery_falls_back_to_the_clip_as_it_was(tmp_path: Path) -> None:
-    for name, files, frames in (
-        ("failed", ["report.html", "unrefined.mp4"], 0),
-        ("refined", ["unrefined.mp4", "video.gif"], 3),
-    ):
-        record = RunRecord(name, ["physgen"], files=dict.fromkeys(files, "0"), unrefined=["0"] * 3)
-        record.frames, record.document = ["0"] * frames, {"objects": {"a": {}}}
-        record.video = {"size": [64, 48], "fps": 30.0}
-        (tmp_path / name).mkdir()
-        for file in files:
-            (tmp_path / name / file).write_bytes(b"-")
-        write_json(tmp_path / name / "manifest.json", record.manifest())
-    clips = {clip.name: clip for clip in clips_in([tmp_path])}
-    assert clips["failed"].film == tmp_path / "failed" / "unrefined.mp4"
-    assert clips["refined"].film == tmp_path / "refined" / "video.gif"
-    assert {clip.frames for clip in clips.values()} == {3}

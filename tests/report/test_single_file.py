@@ -15,7 +15,7 @@ from physgen import pipeline
 from physgen.export.video import Format
 from physgen.report.films import embedded_film, linked_film
 
-SHORT = FALL.replace("duration: 1.5", "duration: 0.6")
+SHORT = FALL.replace("duration: 1.5", "duration: 0.2")
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from physgen.problems import InputError
@@ -216,7 +216,6 @@ PART = st.sampled_from(["..", ".", "", "a", "A", "b.png", "C:", "\\", "\0", "é"
 NAME = st.one_of(st.text(max_size=12), st.lists(PART | st.text(max_size=3), max_size=5).map("/".join))
 
 
-@settings(max_examples=150)
 @given(names=st.lists(NAME, min_size=1, max_size=4))
 def test_no_name_leads_out(names: list[str]) -> None:
     try:
@@ -240,7 +239,6 @@ def test_no_name_leads_out(names: list[str]) -> None:
         shutil.rmtree(root)
 
 
-@settings(max_examples=150)
 @given(at=st.integers(min_value=0), value=st.integers(0, 255), cut=st.integers(0, 40))
 def test_damage_is_told_or_does_no_harm(at: int, value: int, cut: int) -> None:
     data = bytearray(pack(("a/p.png", png()), how=zipfile.ZIP_DEFLATED if at % 2 else zipfile.ZIP_STORED))

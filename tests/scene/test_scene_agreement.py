@@ -186,7 +186,7 @@ def mutated(draw: st.DrawFn) -> Any:
     return document
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=150)
 @given(mutated())
 def test_we_agree_with_jsonschema(document: Any) -> None:
     assert (ours(document) == []) == ORACLE.is_valid(document)
@@ -209,7 +209,7 @@ def outcome(path: Path) -> str:
 FULL = Path(__file__).with_name("full.yaml").read_bytes()
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100)
 @given(
     edits=st.lists(
         st.tuples(

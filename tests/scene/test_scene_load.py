@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from physgen.problems import InputError, Place
+from physgen.problems import InputError
 from physgen.scene import scene
 from physgen.scene.load import load
 
@@ -194,20 +194,6 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     assert "cannot be read: not a directory" in fails(tmp_path / "file.yaml" / "scene.yaml")
 
 
-def test_places() -> None:
-    found = load(FULL)
-    line = {key: number for number, key in enumerate(FULL.read_text().splitlines(), 1)}
-    assert found.place("objects.ball.mass") == Place(str(FULL), line["    mass: 170"], 11)
-    assert found.place("objects.ball.elasticity").column == 17
-    assert (
-        found.place("forces[1].torque").line
-        == line["  - {object: crate, torque: 2.0e6, start: 0.1, duration: 0.2}"]
-    )
-    assert found.place("objects.kite.shape.polygon[1][0]") == found.place("objects.kite.shape.polygon")
-    assert found.place("objects.kite.mass") == found.place("objects.kite")
-    assert found.place("nothing.of.the[3].kind") == found.place("")
-
-
 def test_the_document_is_resolved() -> None:
     document = load(FULL, ["objects.ball.mass=3"], "hard").document
     assert document["objects"]["ball"]["mass"] == 3
@@ -216,13 +202,6 @@ def test_the_document_is_resolved() -> None:
     assert document["objects"]["kite"]["friction"] == 0.5
     assert document["forces"][0]["start"] == 0.5
     assert document["variants"] == {"hard": {"objects.ball.velocity": [-900, 0]}}
-
-
-def test_scenes_compare_by_what_they_say(tmp_path: Path) -> None:
-    a = load(write(tmp_path / "a", HEAD + "world: {duration: 2}\n", "s.yaml"))
-    b = load(write(tmp_path / "a", "# moved\n" + HEAD, "s.yaml"))
-    assert a == b
-    assert a.places != b.places
 
 
 def test_only_what_is_needed_is_imported() -> None:

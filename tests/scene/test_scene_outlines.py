@@ -36,7 +36,7 @@ def every_pair(points: list[Corner]) -> tuple[int, int] | None:
 COORDINATES = st.one_of(st.integers(0, 6), st.floats(0, 6, width=16))
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100)
 @given(st.lists(st.tuples(COORDINATES, COORDINATES), min_size=3, max_size=12))
 def test_the_first_pair_of_lines_that_cross_is_found(points: list[Corner]) -> None:
     (left, right), (top, bottom) = ((min(c), max(c)) for c in zip(*points, strict=True))

@@ -195,12 +195,6 @@ def test_a_mask_takes_the_place_of_a_wall(scene: Path) -> None:
 # --set
 
 
-def test_set_makes_parents(scene: Path) -> None:
-    found = load(scene, ["render.fps=12", "objects.new.shape.circle={center: [1, 2], radius: 3}"])
-    assert found.render.fps == 12
-    assert named(found)["new"].shape == model.Circle((1, 2), 3)
-
-
 def test_star_is_every_object(scene: Path) -> None:
     found = load(scene, ["objects.*.friction=0.8", "forces[*].start=0.5", "boundaries.*.friction=0.7"])
     assert {item.friction for item in found.objects} == {0.8}
@@ -277,18 +271,6 @@ def test_variants_are_whole_after_each_other(scene: Path) -> None:
 )
 def test_no_dotted_keys(key: str) -> None:
     assert parse_key(key) is None
-
-
-@pytest.mark.parametrize(
-    ("key", "parts"),
-    [
-        ("a", ("a",)),
-        ("objects.*.mass", ("objects", "*", "mass")),
-        ("a[0][12].b[*]", ("a", 0, 12, "b", "[*]")),
-    ],
-)
-def test_dotted_keys(key: str, parts: tuple[str | int, ...]) -> None:
-    assert parse_key(key) == parts
 
 
 def test_a_part_of_a_vector_that_the_file_leaves_out_is_set_beside_its_default(scene: Path) -> None:

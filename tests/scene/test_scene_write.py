@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -54,7 +53,7 @@ def again(text: str) -> Any:
     return plain(read(text, Source("x", Path())))
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100)
 @given(
     st.dictionaries(
         st.one_of(st.sampled_from(["objects", "forces", "world", "variants", "light"]), TEXTS),
@@ -81,13 +80,6 @@ def ordered(found: Any, written: Any) -> Any:
     if isinstance(found, list):
         return [ordered(a, b) for a, b in zip(found, written, strict=True)]
     return written
-
-
-def test_keys_in_the_order_of_the_schema() -> None:
-    text = scene_text({"forces": [], "objects": {"b": {"mass": 1, "label": "x"}, "a": {}}, "physgen": 1})
-    assert list(again(text)) == ["physgen", "objects", "forces"]
-    assert list(again(text)["objects"]) == ["b", "a"]
-    assert list(again(text)["objects"]["b"]) == ["label", "mass"]
 
 
 def test_how_it_looks() -> None:
@@ -165,12 +157,6 @@ variants:
   hard: {objects.cue-ball.velocity: [-900, 0], objects.*.label: on}
 """
     )
-
-
-def test_other_readers_of_yaml_read_the_same_text() -> None:
-    """Editors quote as we do: PyYAML finds the same keys and texts, whatever it makes of `on`."""
-    text = scene_text({"label": "a b", "size": [1, 2.5], "x": "- a", "y": "3"})
-    assert yaml.safe_load(text) == {"label": "a b", "size": [1, 2.5], "x": "- a", "y": "3"}
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, object(), {1: 2}, {"k" * 2000: 1}])

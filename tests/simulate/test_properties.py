@@ -46,7 +46,7 @@ def momenta(w: World, t) -> np.ndarray:
     )
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10)
 @given(bodies, elasticity, friction)
 def test_free_collisions_keep_momentum_and_angular_momentum(rows, e, mu) -> None:
     w = drawn(rows, e, mu, gravity=(0, 0))
@@ -59,7 +59,7 @@ def test_free_collisions_keep_momentum_and_angular_momentum(rows, e, mu) -> None
     assert np.ptp(kept[:, 2]) < 2e-4 * scale * 90
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10)
 @given(bodies, elasticity, friction, st.booleans())
 def test_energy_never_grows_without_a_force(rows, e, mu, falling) -> None:
     w = drawn(rows, e, mu, gravity=(0, 980.0 if falling else 0.0), walls=[floor(y=260, e=e, mu=mu)])
@@ -72,7 +72,7 @@ def test_energy_never_grows_without_a_force(rows, e, mu, falling) -> None:
     assert np.ptp(balance) < 0.01 * scale
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=10)
 @given(bodies, elasticity, friction)
 def test_mirrored_scenes_give_mirrored_motion(rows, e, mu) -> None:
     w = drawn(rows, e, mu, walls=[floor(y=260, e=e, mu=mu)], duration=0.4)
@@ -90,7 +90,7 @@ def test_mirrored_scenes_give_mirrored_motion(rows, e, mu) -> None:
     assert there.poses * [-1, 1, -1] == pytest.approx(here.poses, abs=2e-3)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=8)
 @given(bodies, elasticity, friction, st.sampled_from([0.5, 2.0, 4.0]))
 def test_scaled_length_and_time_give_the_same_motion(rows, e, mu, scale) -> None:
     w = drawn(rows, e, mu, walls=[floor(y=260, e=e, mu=mu)], duration=0.4)

@@ -71,6 +71,7 @@ def rows_of(file: Path) -> list[list[str]]:
     return [[b.name for b in sorted(down[i:j], key=lambda b: b.center[0])] for i, j in pairwise(ends)]
 
 
+@pytest.mark.slow
 @pytest.mark.peer_scenes
 def test_a_real_pile_stands(pile) -> None:
     assert max(moved(run(pile)).values()) < 0.25
@@ -78,6 +79,7 @@ def test_a_real_pile_stands(pile) -> None:
     assert max(moved(run(pile.parent / "line.yaml")).values()) < 0.25
 
 
+@pytest.mark.slow
 @pytest.mark.peer_scenes
 @pytest.mark.parametrize("corner", [(0, 1), (4, 5)])
 def test_a_real_pile_falls_where_its_corner_is_taken_away(pile, corner) -> None:
@@ -89,6 +91,7 @@ def test_a_real_pile_falls_where_its_corner_is_taken_away(pile, corner) -> None:
     assert max(far.values()) < 1
 
 
+@pytest.mark.slow
 @pytest.mark.peer_scenes
 def test_a_real_rack_rests(tmp_path) -> None:
     source = Path(os.environ["PHYSGEN_PEER_SCENES"]) / "pool"

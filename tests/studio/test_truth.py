@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import re
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -22,6 +23,8 @@ from darkroom import decode, undevelop  # noqa: E402  (the studio's inverse of i
 
 NAMES = sorted(path.parent.name for path in (ROOT / "studio/truth").glob("*/truth.json"))
 DIFFUSE = [n for n in NAMES if json.loads((ROOT / f"studio/truth/{n}/truth.json").read_text())["diffuse"]]
+QUICK = ("billiards", "wall-ball")
+EVERY = [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in NAMES]
 FILMED = [n for n in NAMES if (ROOT / f"studio/truth/{n}/film").exists()]
 
 NOT_QUITE_ROUND = {"apple", "curling stone", "toy ball", "foam ball", "clay ball", "leather ball", "orange"}
@@ -53,31 +56,27 @@ class Truth:
         return cv2.distanceTransform((self.coverage == 0).astype(np.uint8), cv2.DIST_L2, 5) > px
 
 
-_read: dict[str, Truth] = {}
-
-
+@cache
 def truth(name: str) -> Truth:
-    if name not in _read:
-        scene, proof = ROOT / "scenes" / name, ROOT / "studio/truth" / name
-        assets = scene / "photo.assets"
-        told = json.loads((proof / "truth.json").read_text())
-        near, far = told["depth"]["near"], told["depth"]["far"]
-        raw = picture(proof / "depth.png").astype(float)
-        depth = near + raw / 65534 * (far - near)
-        _read[name] = Truth(
-            told,
-            picture(scene / "photo.png"),
-            picture(assets / "background.png"),
-            picture(assets / "clean.png"),
-            picture(assets / "masks.png").astype(int),
-            picture(assets / "coverage.png").astype(float) / 255,
-            picture(proof / "instances.png").astype(int),
-            depth,
-            (picture(proof / "normals.webp").astype(float) - 128) / 127,
-            decode(picture(proof / "albedo.webp") / 255.0),
-            decode(picture(proof / "shading.webp") / 255.0) * told["shading"]["scale"],
-        )
-    return _read[name]
+    scene, proof = ROOT / "scenes" / name, ROOT / "studio/truth" / name
+    assets = scene / "photo.assets"
+    told = json.loads((proof / "truth.json").read_text())
+    near, far = told["depth"]["near"], told["depth"]["far"]
+    raw = picture(proof / "depth.png").astype(float)
+    depth = near + raw / 65534 * (far - near)
+    return Truth(
+        told,
+        picture(scene / "photo.png"),
+        picture(assets / "background.png"),
+        picture(assets / "clean.png"),
+        picture(assets / "masks.png").astype(int),
+        picture(assets / "coverage.png").astype(float) / 255,
+        picture(proof / "instances.png").astype(int),
+        depth,
+        (picture(proof / "normals.webp").astype(float) - 128) / 127,
+        decode(picture(proof / "albedo.webp") / 255.0),
+        decode(picture(proof / "shading.webp") / 255.0) * told["shading"]["scale"],
+    )
 
 
 def drawn(entry: dict, size: tuple[int, int], grow: float = 0.0) -> np.ndarray:
@@ -100,29 +99,17 @@ def drawn(entry: dict, size: tuple[int, int], grow: float = 0.0) -> np.ndarray:
     return mask > 0
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EVERY)
 def test_maps_are_whole(name: str) -> None:
     t = truth(name)
     size = tuple(t.told["size"][::-1])
-    for part in (
-        t.photo,
-        t.background,
-        t.clean,
-        t.labels,
-        t.coverage,
-        t.instances,
-        t.depth,
-        t.normals,
-        t.albedo,
-        t.shading,
-    ):
-        assert part.shape[:2] == size
+    assert all(getattr(t, part.name).shape[:2] == size for part in fields(Truth) if part.name != "told")
     ids = [entry["id"] for entry in t.told["objects"]]
     assert ids == list(range(1, len(ids) + 1))
     assert set(np.unique(t.labels)) == {0, *ids}, "every object is seen, and nothing else"
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EVERY)
 def test_coverage_and_masks_are_of_one_mind(name: str) -> None:
     t = truth(name)
     first, share, second = np.moveaxis(t.instances, -1, 0)
@@ -136,7 +123,7 @@ def test_coverage_and_masks_are_of_one_mind(name: str) -> None:
     assert not np.any((second == first) & (first > 0))
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EVERY)
 def test_shapes_in_the_file_are_what_the_photo_shows(name: str) -> None:
     """The section through the plane of motion lies in the silhouette; a lens a little above also shows tops."""
     t = truth(name)
@@ -156,7 +143,7 @@ def test_shapes_in_the_file_are_what_the_photo_shows(name: str) -> None:
         assert strays.sum() <= 0.16 * seen.sum(), f"{entry['name']}: strays"
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EVERY)
 def test_normals_are_unit_and_face_the_viewer(name: str) -> None:
     t = truth(name)
     length = np.linalg.norm(t.normals, axis=-1)
@@ -164,7 +151,7 @@ def test_normals_are_unit_and_face_the_viewer(name: str) -> None:
     assert (t.normals[..., 2] < -0.15).mean() < 0.001
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EVERY)
 def test_depth_and_normals_are_of_one_surface(name: str) -> None:
     """Normals from the slope of depth, through the shift lens, against the stored ones, inside things."""
     t = truth(name)
@@ -202,7 +189,7 @@ def spheres(t: Truth) -> list[tuple[float, float, float, np.ndarray]]:
     return found
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EVERY)
 def test_normals_of_spheres_are_within_a_degree(name: str) -> None:
     """A lens at a distance sees a sphere from its own place: the outline is the section's, moved by a little."""
     t = truth(name)
@@ -230,7 +217,7 @@ def test_normals_of_spheres_are_within_a_degree(name: str) -> None:
         assert np.percentile(angle, 95) < 1.0
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EVERY)
 def test_light_explains_what_falls_on_the_things(name: str) -> None:
     """The light in the file, over the true normals, against the true shading; and where its own fit left little."""
     t = truth(name)
@@ -244,7 +231,7 @@ def test_light_explains_what_falls_on_the_things(name: str) -> None:
         assert np.corrcoef(said, fell)[0, 1] > 0.6
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EVERY)
 def test_albedo_is_what_comes_back_diffusely(name: str) -> None:
     """Highlights add to albedo x shading, nothing takes away: a low quantile of photo / shading is the albedo."""
     t = truth(name)
@@ -257,7 +244,7 @@ def test_albedo_is_what_comes_back_diffusely(name: str) -> None:
         assert 0.8 < np.percentile(ratio, 25) < 1.3
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EVERY)
 def test_depth_breaks_where_masks_end(name: str) -> None:
     """Across an outline against the background depth jumps, or turns; inside a thing it runs smoothly."""
     t = truth(name)
@@ -280,13 +267,13 @@ def test_depth_breaks_where_masks_end(name: str) -> None:
     assert np.mean((jump > 3 * smooth) | turned) > 0.85
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EVERY)
 def test_background_is_the_photo_where_no_thing_is(name: str) -> None:
     t = truth(name)
     assert np.array_equal(t.background[t.away(2)], t.photo[t.away(2)])
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EVERY)
 def test_clean_plate_is_the_photo_but_for_things_and_their_shadows(name: str) -> None:
     """Far from things the same light; where they differ, the photo is the darker one, or has a reflection's tint."""
     t = truth(name)
@@ -302,6 +289,7 @@ def test_clean_plate_is_the_photo_but_for_things_and_their_shadows(name: str) ->
         assert brighter.sum() < 0.25 * max((changed & open_).sum(), 200), "things mostly take light away"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", DIFFUSE)
 def test_photo_is_albedo_times_shading_where_all_is_matt(name: str) -> None:
     """Shading was found apart from the photo, by sampling lamps and the hemisphere on a white surface."""
@@ -316,7 +304,7 @@ def test_photo_is_albedo_times_shading_where_all_is_matt(name: str) -> None:
     assert np.percentile(np.abs(ratio - 1), 90) < 0.15
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", EVERY)
 def test_scene_file_is_one_to_enjoy(name: str) -> None:
     """It loads without a problem, tells a story, has variants that load too, and what it says is the truth."""
     path = ROOT / "scenes" / name / "scene.yaml"
@@ -350,6 +338,7 @@ def test_scene_file_is_one_to_enjoy(name: str) -> None:
         pipeline.compile(pipeline.load(path, variant=variant), maps)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FILMED)
 def test_film_shows_things_where_its_poses_say(name: str) -> None:
     """Outlines at t = 0, moved by the stored poses, against the ids that the film's frames show."""
