@@ -94,7 +94,7 @@ def test_percepts_agree_with_each_other(seen: PerceivedScene):
 
 
 def test_the_photo_without_masks_is_segmented(bundled: Path):
-    rgb = cv2.resize(read_image(bundled / "dominoes" / "photo.png"), (480, 270), interpolation=cv2.INTER_AREA)
+    rgb = read_image(bundled / "dominoes" / "photo.png")
     truth = read_labels(bundled / "dominoes" / "photo.assets" / "masks.png")
     found = perceive(rgb)
     assert abs(len(found.document["objects"]) - len(np.unique(truth)) + 1) <= 1
