@@ -14,7 +14,6 @@ from physgen.perceive.segment.masks import (
     segments,
     smoothed,
     split,
-    window,
 )
 
 SIZE = 90, 120
@@ -58,14 +57,14 @@ def test_pinholes_close_and_specks_go_and_rings_stay():
 def test_pieces_are_those_with_a_gap_between():
     assert len(parts(block((10, 10, 30, 30), (32, 10, 50, 30)))) == 1  # 2 px
     first, second = parts(block((10, 10, 30, 30), (40, 10, 70, 30)))
-    assert window(first) == (40, 10, 70, 30)
-    assert window(second) == (10, 10, 30, 30)
+    assert np.array_equal(first, block((40, 10, 70, 30)))
+    assert np.array_equal(second, block((10, 10, 30, 30)))
     assert len(parts(block((10, 10, 60, 60), (80, 10, 84, 14)))) == 1  # too small to be one
 
 
 def test_a_mask_in_pieces_is_several_objects():
     mask = block((10, 10, 30, 30), (40, 10, 70, 30))
-    assert [one.window for one in split([cut(mask)])] == [(40, 10, 70, 30), (10, 10, 30, 30)]
+    assert [one.box for one in split([cut(mask)])] == [(40, 10, 70, 30), (10, 10, 30, 30)]
     table = cut(mask, "table", movable=False)
     assert split([table]) == [table]  # objects lie on it
 
@@ -90,7 +89,7 @@ def test_small_things_lie_before_large_ones_that_are_not_much_surer():
     outer, inner = resolved([bowl, apple])
     assert inner.area == 20 * 20
     assert outer.area == 70 * 50 - 20 * 20
-    assert not outer.piece[15, 15]
+    assert not outer.mask[15, 15]
     doubtful = cut(block((20, 20, 40, 40)), "sticker", score=0.3)
     assert [one.noun for one in resolved([bowl, doubtful])] == ["bowl"]
     box = cut(block((10, 10, 50, 60)), "box"), cut(block((48, 10, 85, 60)), "book")

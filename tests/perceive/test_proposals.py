@@ -93,10 +93,10 @@ def test_the_best_set_prefers_two_to_the_one_that_excludes_both() -> None:
     ]
     excludes = exclusions(forms)
     assert excludes.tolist()[0] == [False, True, True, False]
-    gain, score = np.array([3.0, 2.0, 2.0, -1.0]), np.array([0.9, 0.8, 0.8, 0.1])
-    assert best_set(gain, score, excludes).tolist() == [False, True, True, False]
+    gain = np.array([3.0, 2.0, 2.0, -1.0])
+    assert best_set(gain, excludes).tolist() == [False, True, True, False]
     gain[0] = 5
-    assert best_set(gain, score, excludes).tolist() == [True, False, False, False]
+    assert best_set(gain, excludes).tolist() == [True, False, False, False]
 
 
 def test_a_rough_mask_is_drawn_to_the_edge_of_the_photo() -> None:

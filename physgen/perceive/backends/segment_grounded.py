@@ -28,7 +28,8 @@ from physgen.perceive.backends.models import (
     weight_ids,
 )
 from physgen.perceive.roles import Category, PromptedMask, Rgb, Segments
-from physgen.perceive.segment.masks import CONFIDENT, Box, Cut, Mask, distinct_boxes, segments
+from physgen.perceive.segment.masks import CONFIDENT, Box, Cut, distinct_boxes, segments
+from physgen.perceive.segment.proposals import Mask
 from physgen.registry import Setup, read_options
 
 MEAN, SPREAD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)

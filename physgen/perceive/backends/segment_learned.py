@@ -13,7 +13,7 @@ from physgen.perceive.roles import Doubt, Segment, Segments
 from physgen.perceive.segment.candidates import FEATURES, Candidates, candidates, confidence, expected_fit
 from physgen.perceive.segment.gradient import smoothed_lab
 from physgen.perceive.segment.network import run_network
-from physgen.perceive.segment.proposals import Proposal, outline, overlap
+from physgen.perceive.segment.proposals import Proposal, doubt_about, overlap
 from physgen.perceive.segment.selection import SHARED, background_likeness, best_set, exclusions, tighten
 
 
@@ -31,8 +31,6 @@ class LearnedConstants:
     """Mean foreground from which the bonus counts in part, and in full."""
     best: float = 0.99
     """Highest fit with the bonus."""
-    alike: tuple[float, float] = (0.33, 1.0)
-    """Likeness to a group of affinity from which the bonus counts in part, and in full."""
     confident: float = 0.25
     """Confidence from which a proposal is an object."""
     doubtful: float = 0.1
@@ -49,8 +47,6 @@ class LearnedConstants:
     """Share of a whole that its two or more parts cover, from which it replaces them."""
     doubts: int = 8
     """Doubtful objects at most."""
-    straight: float = 0.01
-    """Of an outline's length: tolerance of a doubtful object's polygon."""
 
 
 LEARNED = LearnedConstants()
@@ -103,8 +99,7 @@ def worth(found: Candidates, fit: NDArray[np.float64]) -> NDArray[np.float64]:
     share = np.clip(
         (foreground - LEARNED.foreground[0]) / (LEARNED.foreground[1] - LEARNED.foreground[0]), 0, 1
     )
-    alike = np.clip((found.likeness - LEARNED.alike[0]) / (LEARNED.alike[1] - LEARNED.alike[0]), 0, 1)
-    return np.minimum(fit + LEARNED.agreement * found.edges * share * alike, LEARNED.best)
+    return np.minimum(fit + LEARNED.agreement * found.edges * share, LEARNED.best)
 
 
 def joined(found: Candidates, fit: NDArray[np.float64], best: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -147,14 +142,14 @@ def choose(found: Candidates, fit: NDArray[np.float64]) -> NDArray[np.intp]:
     some: list[Proposal] = [found.proposals[k] for k in pool.tolist()]
     area = np.array([one.area for one in some], np.float64) / (found.shape[0] * found.shape[1])
     gain = (fit[pool] - LEARNED.threshold) * area**LEARNED.area_power
-    return pool[best_set(gain, fit[pool], exclusions(some))]
+    return pool[best_set(gain, exclusions(some))]
 
 
 def doubts(
     found: Candidates, fit: NDArray[np.float64], sure: NDArray[np.intp], size: tuple[int, ...]
 ) -> list[Doubt]:
     """The best other candidates, mostly outside the selected ones, on a photo of `size` (H, W)."""
-    scale = np.array([size[1] / found.shape[1], size[0] / found.shape[0]])
+    scale = size[1] / found.shape[1], size[0] / found.shape[0]
     right = confidence(fit)
     taken = [found.proposals[k] for k in sure.tolist()]
     doubtful: list[Doubt] = []
@@ -165,11 +160,5 @@ def doubts(
         if any(overlap(one, other) > SHARED * min(one.area, other.area) for other in taken):
             continue
         taken.append(one)
-        contour = np.add(outline(one.mask), (one.x, one.y))
-        corners = cv2.approxPolyDP(
-            contour.astype(np.int32), LEARNED.straight * cv2.arcLength(contour.astype(np.int32), True), True
-        )
-        if len(corners) > 2:
-            points = np.round((corners[:, 0] + 0.5) * scale - 0.5, 1)
-            doubtful.append(Doubt([(float(x), float(y)) for x, y in points], float(right[k])))
+        doubtful += doubt_about(one, float(right[k]), scale)
     return doubtful

@@ -16,7 +16,8 @@ from physgen.perceive.backends.categories_everyday import everyday
 from physgen.perceive.backends.models import ModelBackend, weight_ids
 from physgen.perceive.backends.segment_grounded import pixels, plain_noun, threshold_of
 from physgen.perceive.roles import Category, Rgb, Segments
-from physgen.perceive.segment.masks import DOUBTFUL, Cut, Mask, segments
+from physgen.perceive.segment.masks import DOUBTFUL, Cut, segments
+from physgen.perceive.segment.proposals import Mask
 from physgen.registry import Setup
 
 NAME = "sam3"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -18,13 +18,11 @@ from physgen.perceive.segment.network import OFFSETS, NetworkMaps
 from physgen.perceive.segment.proposals import Mask, Proposal, cut_out, distinct, outline
 from physgen.perceive.segment.regions import (
     EDGE_CAP,
-    MergeTree,
     basins,
     edge_borders,
     merge_tree,
-    node_region,
     pair_borders,
-    rank_boxes,
+    tree_regions,
 )
 from physgen.perceive.segment.selection import WIDEST_AREAS, search_edges
 
@@ -201,75 +199,28 @@ def border_relief(seen: NetworkMaps) -> F32:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Groups:
-    """The merge tree of the network's basins by affinity: wholes are groups far apart from their neighbours."""
+def network_proposals(
+    seen: NetworkMaps, smallest: int, largest: int
+) -> tuple[list[Proposal], list[Proposal]]:
+    """Proposals on the network's grid, of `smallest` to `largest` px of it: parts and piles, and wholes.
 
-    tree: MergeTree
-    ranks: NDArray[np.int64]
-    """(h, w): the rank of each pixel's basin."""
-    sizes: NDArray[np.int64]
-    """(basins + 1,): px of the basins of lower rank."""
-    grounds: NDArray[np.bool_]
-    """(nodes,): basins that are on no object."""
-
-    @property
-    def areas(self) -> NDArray[np.int64]:
-        """(nodes,) px."""
-        return np.asarray(self.sizes[self.tree.span[:, 1]] - self.sizes[self.tree.span[:, 0]])
-
-    def likeness(self, one: Proposal) -> float:
-        """The IoU of a proposal with the group most like it."""
-        left, top, right, bottom = one.box
-        inside = np.bincount(self.ranks[top:bottom, left:right][one.mask], minlength=len(self.sizes) - 1)
-        below = np.concatenate([[0], np.cumsum(inside)])
-        shared = below[self.tree.span[:, 1]] - below[self.tree.span[:, 0]]
-        return float((shared / (self.areas + one.area - shared)).max())
-
-    @property
-    def wholes(self) -> NDArray[np.bool_]:
-        """(nodes,): the largest groups whose parts all belong together."""
-        parent = self.tree.parent
-        beyond = np.where(parent >= 0, self.tree.height[parent], 1.0)
-        apart = 1 - CANDIDATES.whole
-        return np.asarray(~self.grounds & (self.tree.height < apart) & (beyond >= apart))
-
-
-@lru_cache(maxsize=2)
-def grouped(seen: NetworkMaps) -> Groups:
-    """The groups in a photo's maps."""
+    They are groups of basins by affinity; wholes are the largest groups whose parts all belong together.
+    """
     height, width = seen.foreground.shape
     labels = basins(cv2.GaussianBlur(border_relief(seen), (0, 0), 1.0).astype(np.float32))
-    count = int(labels.max()) + 1
-    areas = np.bincount(labels.ravel(), minlength=count)
-    kept = np.bincount(labels.ravel(), seen.foreground.ravel(), count) >= CANDIDATES.on * areas
     pairs = []
     for (down, right), affinity in zip(OFFSETS, seen.pairs, strict=True):
         if max(down, abs(right)) <= CANDIDATES.joining:
             here = slice(0, height - down), slice(max(-right, 0), width - max(right, 0))
             there = slice(down, height), slice(max(right, 0), width + min(right, 0))
             pairs.append((here, there, 1 - affinity[here]))
+    kept = _on_objects(labels, seen.foreground)
     tree = merge_tree(pair_borders(labels, pairs, kept), stale=0)
-    sizes = np.concatenate([[0], np.cumsum(areas[np.argsort(tree.rank)])])
-    grounds = np.zeros(len(tree.parent), bool)
-    grounds[:count] = ~kept
-    return Groups(tree, tree.rank[labels], sizes, grounds)
-
-
-def network_proposals(
-    seen: NetworkMaps, smallest: int, largest: int
-) -> tuple[list[Proposal], list[Proposal]]:
-    """Proposals on the network's grid, of `smallest` to `largest` px of it: parts and piles, and wholes."""
-    groups = grouped(seen)
-    some = ~groups.grounds & (groups.areas >= smallest) & (groups.areas <= 1.2 * largest)
-    boxes = rank_boxes(groups.ranks, len(groups.sizes) - 1)
-    found: list[Proposal] = []
-    wholes: list[Proposal] = []
-    for (first, last), whole in zip(groups.tree.span[some].tolist(), groups.wholes[some], strict=True):
-        one = node_region(groups.ranks, boxes, first, last, smallest)
-        if one is not None and one.area <= largest:
-            (wholes if whole else found).append(one)
-    return found, wholes
+    apart = 1 - CANDIDATES.whole
+    beyond = np.where(tree.parent >= 0, tree.height[tree.parent], 1.0)
+    whole = (tree.height < apart) & (beyond >= apart)
+    found = tree_regions(tree, labels, tree.without(kept), smallest, largest)
+    return [one for k, one in found if not whole[k]], [one for k, one in found if whole[k]]
 
 
 def guided_proposals(gradient: Gradient, seen: NetworkMaps, smallest: int, largest: int) -> list[Proposal]:
@@ -279,38 +230,18 @@ def guided_proposals(gradient: Gradient, seen: NetworkMaps, smallest: int, large
     border = np.clip(cv2.resize(border, size, interpolation=cv2.INTER_LINEAR), 0, 1)
     foreground = np.clip(cv2.resize(seen.foreground, size, interpolation=cv2.INTER_LINEAR), 0, 1)
     labels = basins(np.maximum(cv2.GaussianBlur(gradient.strength, (0, 0), 0.8), gradient.noise))
-    sharp = np.minimum(gradient.strength, EDGE_CAP) / EDGE_CAP
-    edge = (
-        np.float32(EDGE_CAP)
-        * border
-        * (np.float32(1 - CANDIDATES.edge_share) + np.float32(CANDIDATES.edge_share) * sharp)
-    )
-    found = _joined(labels, foreground.astype(np.float32), edge.astype(np.float32), smallest, largest)
-    return [one for one in found if one is not None and one.area <= largest]
+    share = np.float32(CANDIDATES.edge_share)
+    sharp = np.minimum(gradient.strength, EDGE_CAP) / np.float32(EDGE_CAP)
+    edge = np.float32(EDGE_CAP) * border * (1 - share + share * sharp)
+    kept = _on_objects(labels, np.asarray(foreground, np.float32))
+    tree = merge_tree(edge_borders(labels, edge.astype(np.float32), kept))
+    return [one for _, one in tree_regions(tree, labels, tree.without(kept), smallest, largest)]
 
 
-def _joined(
-    labels: NDArray[np.int32], foreground: F32, edge: F32, smallest: int, largest: int
-) -> list[Proposal | None]:
-    """Every union of basins (h, w) on objects, joined two by two where `edge` (h, w) between them is least."""
-    count = int(labels.max()) + 1
-    on = np.bincount(labels.ravel(), foreground.ravel(), count) / np.bincount(labels.ravel(), minlength=count)
-    kept = on >= CANDIDATES.on
-    if not kept.any():
-        return []
-    # the background is one region that is never joined
-    names = np.where(kept, np.cumsum(kept) - int(kept.all()), 0)[labels].astype(np.int32)
-    tree = merge_tree(edge_borders(names, np.where(kept.all() | (names > 0), edge, np.float32(EDGE_CAP))))
-    ranks = tree.rank[names]
-    ground = int(tree.rank[0]) if not kept.all() else -1
-    boxes = rank_boxes(ranks, len(tree.rank))
-    sizes = np.concatenate([[0], np.cumsum(np.bincount(ranks.ravel(), minlength=len(tree.rank)))])
-    found = []
-    for first, last in tree.span.tolist():
-        if first <= ground < last or not smallest <= sizes[last] - sizes[first] <= 1.2 * largest:
-            continue
-        found.append(node_region(ranks, boxes, first, last, smallest))
-    return found
+def _on_objects(labels: NDArray[np.int32], foreground: F32) -> NDArray[np.bool_]:
+    """(basins,): which basins (h, w) may be parts of objects."""
+    on = np.bincount(labels.ravel(), foreground.ravel())
+    return np.asarray(on >= CANDIDATES.on * np.bincount(labels.ravel()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -323,8 +254,6 @@ class Candidates:
     """(n, k), see `FEATURES`."""
     edges: NDArray[np.float64]
     """(n,) 0..1: confidence of the selection by edges alone; 0 where it did not select the proposal."""
-    likeness: NDArray[np.float64]
-    """(n,) 0..1: IoU with the group of the network's affinities most like the proposal."""
     movable: NDArray[np.float64]
     """(n,) 0..1: mean movability."""
     whole: NDArray[np.bool_]
@@ -357,13 +286,12 @@ def candidates(rgb: NDArray[np.uint8], seen: NetworkMaps) -> Candidates:
         and _mean(seen.foreground, rough) >= CANDIDATES.least_foreground
     ]
     kept = np.array([k for k, _, _ in both], np.intp)
-    groups, roughs = grouped(seen), [rough for _, _, rough in both]
+    roughs = [rough for _, _, rough in both]
     return Candidates(
         shape,
         [fine for _, fine, _ in both],
         proposal_features(roughs, seen),
         agreed[kept],
-        np.array([groups.likeness(rough) for rough in roughs], np.float64),
         np.array([_mean(seen.movable, rough) for rough in roughs], np.float64),
         np.asarray((kept >= of_photo) & (kept < of_photo + len(wholes))),
     )

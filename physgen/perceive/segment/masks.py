@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.perceive.roles import Doubt, Name, Scenery, Segments
+from physgen.perceive.roles import Name, Scenery, Segments
+from physgen.perceive.segment.proposals import Mask, Proposal, common, doubt_about, iou, overlap
 
-Mask = NDArray[np.bool_]
-"""(H, W)."""
 T = TypeVar("T", bound=np.generic)
 Box = tuple[float, float, float, float]
 """Left, top, right, bottom px; 0 and the photo's width are its borders."""
@@ -52,22 +50,15 @@ class CleanUp:
     """Ratio of confidences from which a smaller object lies in front of a larger one."""
     doubts: int = 8
     """Doubtful objects at most."""
-    straight: float = 0.01
-    """Of an outline's length: tolerance of a doubtful object's polygon."""
 
 
 CLEANUP = CleanUp()
 
 
 @dataclass(frozen=True, eq=False)
-class Cut:
-    """One mask with its noun, kept as its window: many masks of a large photo would fill the memory."""
+class Cut(Proposal):
+    """One mask with its noun."""
 
-    piece: Mask
-    """(h, w): the window's."""
-    x: int
-    y: int
-    """Column and row of the window's first pixel."""
     noun: str
     movable: bool
     score: float
@@ -78,69 +69,44 @@ class Cut:
     @classmethod
     def of(cls, mask: Mask, noun: str, movable: bool, score: float, fit: float) -> Cut:
         """From a mask of the photo (H, W)."""
-        x0, y0, x1, y1 = window(mask)
-        return cls(mask[y0:y1, x0:x1].copy(), x0, y0, noun, movable, score, fit)
+        return cls(0, 0, mask, 0, noun, movable, score, fit).with_mask(mask)
 
-    def with_piece(self, piece: Mask) -> Cut:
-        """The cut with some of its pixels; `piece` has the window's size."""
-        x0, y0, x1, y1 = window(piece)
-        return replace(self, piece=piece[y0:y1, x0:x1].copy(), x=self.x + x0, y=self.y + y0)
+    def with_mask(self, mask: Mask) -> Cut:
+        """The cut with some of its pixels; `mask` has the size of its own."""
+        x, y, width, height = cv2.boundingRect(mask.view(np.uint8)) if mask.size else (0, 0, 0, 0)
+        part = mask[y : y + height, x : x + width].copy()
+        return replace(self, x=self.x + x, y=self.y + y, mask=part, area=int(np.count_nonzero(part)))
 
-    @cached_property
+    @property
     def confidence(self) -> float:
         """0..1, that the object exists and that this is its mask."""
         return min(max(self.score, 0.0), 1.0) * min(max(self.fit, 0.0), 1.0)
 
-    @cached_property
-    def area(self) -> int:
-        """px."""
-        return int(np.count_nonzero(self.piece))
-
-    @cached_property
-    def window(self) -> tuple[int, int, int, int]:
-        """Left, top, right, bottom px of its pixels, the last two just outside."""
-        return self.x, self.y, self.x + self.piece.shape[1], self.y + self.piece.shape[0]
-
     @property
     def centroid(self) -> tuple[float, float]:
         """x, y px."""
-        rows, columns = np.nonzero(self.piece)
+        rows, columns = np.nonzero(self.mask)
         return self.x + float(columns.mean()), self.y + float(rows.mean())
 
     def seen_in(self, photo: NDArray[T]) -> NDArray[T]:
-        """A view of its window in an array of the photo's size."""
-        x0, y0, x1, y1 = self.window
-        return photo[y0:y1, x0:x1]
-
-
-def window(mask: Mask) -> tuple[int, int, int, int]:
-    """Left, top, right, bottom of a mask's pixels, the last two just outside; zeros where it is empty."""
-    x, y, width, height = (
-        cv2.boundingRect(np.ascontiguousarray(mask).view(np.uint8)) if mask.size else (0, 0, 0, 0)
-    )
-    return int(x), int(y), int(x + width), int(y + height)
+        """A view of its box in an array of the photo's size."""
+        left, top, right, bottom = self.box
+        return photo[top:bottom, left:right]
 
 
 def distinct_boxes(boxes: NDArray[np.float64], scores: NDArray[np.float64]) -> list[int]:
     """Indices of boxes (N, 4) without duplicates, whatever their nouns; the most confident first."""
-    low, high = boxes[:, :2], boxes[:, 2:]
-    area = np.clip(high - low, 0, None).prod(1)
-    kept: list[int] = []
-    for k in np.argsort(-scores, kind="stable").tolist():
-        sides = np.clip(np.minimum(high[k], high[kept]) - np.maximum(low[k], low[kept]), 0, None)
-        both = sides.prod(1)
-        if area[k] > 0 and (both <= CLEANUP.same_box * (area[k] + area[kept] - both)).all():
-            kept.append(k)
-    return kept
+    some = np.flatnonzero((boxes[:, 2:] > boxes[:, :2]).all(1))
+    sides = np.hstack([boxes[some, :2], boxes[some, 2:] - boxes[some, :2]])
+    kept = cv2.dnn.NMSBoxes(sides.tolist(), scores[some].tolist(), 0.0, CLEANUP.same_box)
+    return [int(some[k]) for k in kept]
 
 
 def smoothed(mask: Mask) -> Mask:
     """The mask without specks and pinholes; rings and contact with the photo's border are kept."""
-    x0, y0, x1, y1 = window(mask)
-    result = np.zeros_like(mask)
-    if x1 == x0:
-        return result
-    inside = np.pad(mask[y0:y1, x0:x1], 1).view(np.uint8)
+    if not mask.any():
+        return mask
+    inside = np.pad(mask, 1).view(np.uint8)
     area = int(inside.sum())
     count, pieces, stats, _ = cv2.connectedComponentsWithStats(1 - inside, connectivity=4)
     small = [
@@ -152,8 +118,7 @@ def smoothed(mask: Mask) -> Mask:
     count, pieces, stats, _ = cv2.connectedComponentsWithStats(inside, connectivity=8)
     large = max(stats[1:, cv2.CC_STAT_AREA])
     kept = [k for k in range(1, count) if stats[k, cv2.CC_STAT_AREA] >= CLEANUP.speck * large]
-    result[y0:y1, x0:x1] = np.isin(pieces, kept)[1:-1, 1:-1]
-    return result
+    return np.isin(pieces, kept)[1:-1, 1:-1]
 
 
 def parts(mask: Mask) -> list[Mask]:
@@ -173,8 +138,8 @@ def split(cuts: Sequence[Cut]) -> list[Cut]:
     """Movable objects in one piece each (paper section 3.1)."""
     found: list[Cut] = []
     for cut in cuts:
-        pieces = parts(cut.piece) if cut.movable else []
-        found += [cut.with_piece(part) for part in pieces] if len(pieces) > 1 else [cut]
+        pieces = parts(cut.mask) if cut.movable else []
+        found += [cut.with_mask(part) for part in pieces] if len(pieces) > 1 else [cut]
     return found
 
 
@@ -185,7 +150,7 @@ def distinct(cuts: Sequence[Cut]) -> list[Cut]:
     """
     kept: list[Cut] = []
     for cut in sorted(cuts, key=lambda cut: -cut.confidence):
-        if cut.area and all(_union(cut, other) <= CLEANUP.same_mask for other in kept):
+        if cut.area and all(iou(cut, other) <= CLEANUP.same_mask for other in kept):
             kept.append(cut)
     inner_cuts = {
         k: [i for i, cut in enumerate(kept) if i != k and _contains(one, cut)] for k, one in enumerate(kept)
@@ -207,7 +172,7 @@ def resolved(cuts: Sequence[Cut]) -> list[Cut]:
         left = [_behind(cut, [other for other in rest if other is not cut]) for cut in rest]
         shares = [int(np.count_nonzero(piece)) / cut.area for piece, cut in zip(left, rest, strict=True)]
         if not shares or min(shares) >= CLEANUP.visible:
-            return [cut.with_piece(smoothed(piece)) for cut, piece in zip(rest, left, strict=True)]
+            return [cut.with_mask(smoothed(piece)) for cut, piece in zip(rest, left, strict=True)]
         del rest[int(np.argmin(shares))]
 
 
@@ -218,20 +183,20 @@ def segments(cuts: Iterable[Cut], size: tuple[int, int], confident: float = CONF
     movable are scenery.
     """
     least = max(CLEANUP.least_share * size[0] * size[1], CLEANUP.least_area)
-    smooth = [cut.with_piece(smoothed(cut.piece)) for cut in cuts if cut.confidence >= DOUBTFUL]
+    smooth = [cut.with_mask(smoothed(cut.mask)) for cut in cuts if cut.confidence >= DOUBTFUL]
     cuts = distinct([cut for cut in split(smooth) if cut.area >= least and cut.confidence >= DOUBTFUL])
     objects = resolved([cut for cut in cuts if cut.movable and cut.confidence >= confident])
     objects = [cut for cut in objects if cut.area >= least]
     objects.sort(key=lambda cut: cut.centroid)
     labels = np.zeros(size, np.uint16)
     for k, cut in enumerate(objects, 1):
-        cut.seen_in(labels)[cut.piece] = k
+        cut.seen_in(labels)[cut.mask] = k
     weak = [cut for cut in cuts if cut.movable and cut.confidence < confident]
     doubts = [
         doubt
         for cut in weak
-        if np.count_nonzero(cut.seen_in(labels)[cut.piece]) <= 0.5 * cut.area
-        for doubt in _doubt(cut)
+        if np.count_nonzero(cut.seen_in(labels)[cut.mask]) <= 0.5 * cut.area
+        for doubt in doubt_about(cut, cut.confidence)
     ]
     return Segments(
         labels,
@@ -247,36 +212,25 @@ def _scenery(cuts: Sequence[Cut], labels: NDArray[np.uint16]) -> Scenery:
     cuts = sorted(cuts, key=lambda cut: -cut.area)
     seen = np.zeros(labels.shape, np.uint16)
     for k, cut in enumerate(cuts, 1):
-        cut.seen_in(seen)[cut.piece] = k
+        cut.seen_in(seen)[cut.mask] = k
     seen[labels > 0] = 0
     return Scenery(seen, {k: cut.noun for k, cut in enumerate(cuts, 1) if (seen == k).any()})
 
 
-def _doubt(cut: Cut) -> list[Doubt]:
-    """The outline with few corners; none where it is too thin."""
-    found, _ = cv2.findContours(cut.piece.view(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    contour = max(found, key=len)
-    corners = cv2.approxPolyDP(contour, CLEANUP.straight * cv2.arcLength(contour, True), True)[:, 0]
-    if len(corners) < 3:
-        return []
-    return [Doubt([(float(cut.x + x), float(cut.y + y)) for x, y in corners], round(cut.confidence, 3))]
-
-
 def _behind(cut: Cut, others: Sequence[Cut]) -> Mask:
     """The part of a piece that is not behind others."""
-    left = cut.piece.copy()
+    left = cut.mask.copy()
     for other in others:
-        common = _common(cut, other)
-        if common and _before(other, cut):
-            mine, its = common
-            left[mine] &= ~other.piece[its]
+        mine, its = common(cut, other), common(other, cut)
+        if left[mine].size and _before(other, cut):
+            left[mine] &= ~other.mask[its]
     return left
 
 
 def _before(one: Cut, other: Cut) -> bool:
     """Whether `one` gets the common pixels; of two, exactly one does."""
     if one.area == other.area:
-        return (one.confidence, *one.window) > (other.confidence, *other.window)
+        return (one.confidence, *one.box) > (other.confidence, *other.box)
     small, large = (one, other) if one.area < other.area else (other, one)
     return (small.confidence >= CLEANUP.rival * large.confidence) == (small is one)
 
@@ -284,26 +238,4 @@ def _before(one: Cut, other: Cut) -> bool:
 def _contains(one: Cut, other: Cut) -> bool:
     """Whether a movable object contains another of its kind."""
     kind = one.movable and other.movable and one.noun == other.noun and one.area > other.area
-    return kind and _shared(one, other) >= CLEANUP.inside * other.area
-
-
-def _common(one: Cut, other: Cut) -> tuple[tuple[slice, slice], tuple[slice, slice]] | None:
-    """The overlap of two windows, as slices of each piece; None where there is none."""
-    x0, y0 = max(one.x, other.x), max(one.y, other.y)
-    x1, y1 = min(one.window[2], other.window[2]), min(one.window[3], other.window[3])
-    if x1 <= x0 or y1 <= y0:
-        return None
-    mine, its = ((slice(y0 - cut.y, y1 - cut.y), slice(x0 - cut.x, x1 - cut.x)) for cut in (one, other))
-    return mine, its
-
-
-def _shared(one: Cut, other: Cut) -> int:
-    """Common px."""
-    common = _common(one, other)
-    return int(np.count_nonzero(one.piece[common[0]] & other.piece[common[1]])) if common else 0
-
-
-def _union(one: Cut, other: Cut) -> float:
-    """Intersection over union, 0..1."""
-    both = _shared(one, other)
-    return both / max(one.area + other.area - both, 1)
+    return kind and overlap(one, other) >= CLEANUP.inside * other.area

@@ -61,10 +61,6 @@ class PromptSearch:
     """Confidence from which a point takes the segmenter's object."""
     visible: float = 0.3
     """Share of a prompted object that the others must leave visible."""
-    colour: float = 0.2
-    """Confidence of an area of one colour without an outline of its own."""
-    colour_range: tuple[int, int, int] = (40, 18, 18)
-    """8-bit CIELAB units around a point's colour that belong to its area."""
     kept: int = 25
     """Proposals whose variants are scored."""
     score_power: float = 2.0
@@ -150,7 +146,7 @@ def from_prompts(rgb: Rgb, boxes: Sequence[Box], points: Sequence[Point], segmen
 
     A backend that takes prompts answers first. The rest is searched among proposals: a box by `object_in_box`; a
     point takes the object that `segment` finds there, unless another point lies on it too and asks for less, else
-    `object_at_pixel`, else the area of one colour around it.
+    `object_at_pixel`.
     Raises InputError with every box or point that is off the photo or shows no object.
     """
     masks: list[PromptedMask] = []
@@ -217,7 +213,7 @@ def segment_point(
     known: Callable[[], PhotoProposals] | None = None,
     points: Sequence[Point] = (),
 ) -> PromptedMask:
-    """The object at a point: of `segments`, else the best proposal, else the area of one colour.
+    """The object at a point: of `segments`, else the best proposal. Raises InputError where there is none.
 
     `known` returns the photo's proposals, computed once for many points. What also holds another of the `points`
     is not meant.
@@ -232,16 +228,8 @@ def segment_point(
     best = object_at_pixel(rgb, known() if known else photo_proposals(rgb), x, y, others)
     if best is not None:
         return best
-    lab = cv2.GaussianBlur(cv2.cvtColor(rgb, cv2.COLOR_RGB2LAB), (0, 0), 1.0)
-    area = np.zeros((height + 2, width + 2), np.uint8)
-    flags = 4 | cv2.FLOODFILL_MASK_ONLY | cv2.FLOODFILL_FIXED_RANGE | (1 << 8)
-    cv2.floodFill(lab, area, (x, y), 0, SEARCH.colour_range, SEARCH.colour_range, flags)
-    mask = area[1:-1, 1:-1] > 0
-    if not SMALLEST_OBJECT <= mask.sum() <= 0.4 * mask.size:
-        fix = "draw a box around it: --box x,y,w,h"
-        raise InputError.of(_flag("point", point), "", "shows no object that ends somewhere", fix)
-    filled = cv2.morphologyEx(np.pad(mask, 8).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((7, 7), np.uint8))
-    return PromptedMask(filled[8:-8, 8:-8] > 0, SEARCH.colour)
+    fix = "draw a box around it: --box x,y,w,h"
+    raise InputError.of(_flag("point", point), "", "shows no object that ends somewhere", fix)
 
 
 def _flag(kind: str, place: Sequence[float]) -> str:

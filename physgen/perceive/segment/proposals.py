@@ -9,14 +9,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.perceive.roles import Doubt
 from physgen.perceive.segment.gradient import Gradient, sample
 
 Mask = NDArray[np.bool_]
+STRAIGHT = 0.01
+"""Of an outline's length: tolerance of a doubtful object's polygon."""
 
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
-    """One connected region without holes, kept as the cut-out that bounds it."""
+    """A mask, kept as the cut-out that bounds it: many masks of a large photo would fill the memory."""
 
     x: int
     y: int
@@ -80,15 +83,30 @@ def cut_out(mask: Mask, x: int, y: int, smallest: int, opening: int = 0) -> Prop
     return Proposal(x + left - opening - 1, y + top - opening - 1, filled > 0, area)
 
 
+def common(a: Proposal, b: Proposal) -> tuple[slice, slice]:
+    """The part of the mask of `a` that lies in the box of `b`; empty where they do not meet."""
+    left, top, right, bottom = b.box
+    return (
+        slice(max(top - a.y, 0), max(bottom - a.y, 0)),
+        slice(max(left - a.x, 0), max(right - a.x, 0)),
+    )
+
+
 def overlap(a: Proposal, b: Proposal) -> int:
     """Pixels that two proposals share."""
-    left, top = max(a.x, b.x), max(a.y, b.y)
-    right, bottom = min(a.box[2], b.box[2]), min(a.box[3], b.box[3])
-    if right <= left or bottom <= top:
-        return 0
-    part_a = a.mask[top - a.y : bottom - a.y, left - a.x : right - a.x]
-    part_b = b.mask[top - b.y : bottom - b.y, left - b.x : right - b.x]
-    return int(np.count_nonzero(part_a & part_b))
+    part = a.mask[common(a, b)]
+    return int(np.count_nonzero(part & b.mask[common(b, a)])) if part.size else 0
+
+
+def doubt_about(one: Proposal, confidence: float, scale: tuple[float, float] = (1.0, 1.0)) -> list[Doubt]:
+    """A doubtful object on a photo `scale` (across, down) times as large as the proposal's, with few corners; none
+    where its outline is too thin."""
+    contour = outline(one.mask)
+    corners = cv2.approxPolyDP(contour, STRAIGHT * cv2.arcLength(contour, True), True)[:, 0] + [one.x, one.y]
+    if len(corners) < 3:
+        return []
+    points = np.round((corners + 0.5) * scale - 0.5, 1)
+    return [Doubt([(float(x), float(y)) for x, y in points], round(confidence, 3))]
 
 
 def distinct(proposals: Sequence[Proposal], same: float = 0.96) -> list[Proposal]:

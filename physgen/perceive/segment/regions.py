@@ -172,6 +172,10 @@ class MergeTree:
     rank: NDArray[np.int64]
     """(basins,): the place of each basin in the tree's order."""
 
+    def without(self, kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """(nodes,): all but the basins that are not `kept` (basins,)."""
+        return np.concatenate([kept, np.ones(len(self.parent) - len(kept), np.bool_)])
+
 
 Borders = list[dict[int, tuple[int, float]]]
 """For each basin its neighbours: how many pairs of pixels lie across the border, and their differences summed."""
@@ -247,12 +251,14 @@ def colour_tree(
     return merge_tree(edge_borders(labels, edge), areas, means)
 
 
-def edge_borders(labels: NDArray[np.int32], edge: NDArray[np.float32]) -> Borders:
-    """Borders of basins `labels` (H, W) with the edge strength along them, up to EDGE_CAP."""
+def edge_borders(
+    labels: NDArray[np.int32], edge: NDArray[np.float32], kept: NDArray[np.bool_] | None = None
+) -> Borders:
+    """Borders of basins `labels` (H, W) with the edge strength along them, up to EDGE_CAP; `kept` as `pair_borders`."""
     strength = np.minimum(edge, EDGE_CAP)
     sides = ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:]))
     pairs = [(here, there, np.maximum(strength[here], strength[there])) for here, there in sides]
-    return pair_borders(labels, pairs)
+    return pair_borders(labels, pairs, kept)
 
 
 def pair_borders(
@@ -303,32 +309,33 @@ def stable_regions(
     """Every node of the merge tree of an area within bounds (px) that outlives a rise of the threshold."""
     labels = basins(np.maximum(cv2.GaussianBlur(gradient.strength, (0, 0), 0.8), gradient.noise))
     tree = colour_tree(labels, colour, gradient.strength)
-    ranks = tree.rank[labels]
-    by_rank = np.argsort(tree.rank)
-    area = np.concatenate([[0], np.cumsum(np.bincount(labels.ravel())[by_rank])])
-    areas = area[tree.span[:, 1]] - area[tree.span[:, 0]]
     above = tree.height[tree.parent]
     stable = (tree.parent >= 0) & (above >= 1.08 * tree.height + 0.3)
-    stable &= (areas >= smallest) & (areas < largest)
-    boxes = rank_boxes(ranks, len(by_rank))
-    spans = tree.span[stable].tolist()
-    regions = (node_region(ranks, boxes, first, last, smallest, opening=1) for first, last in spans)
-    return [region for region in regions if region is not None and region.area <= largest]
+    return [region for _, region in tree_regions(tree, labels, stable, smallest, largest, opening=1)]
 
 
-def rank_boxes(ranks: NDArray[np.int64], count: int) -> NDArray[np.int64]:
-    """(count, 4): least column, least row, minus the greatest column, minus the greatest row of each rank (H, W)."""
+def tree_regions(
+    tree: MergeTree,
+    labels: NDArray[np.int32],
+    nodes: NDArray[np.bool_],
+    smallest: int,
+    largest: int,
+    opening: int = 0,
+) -> list[tuple[int, Proposal]]:
+    """Some `nodes` of the tree of basins `labels` (H, W), each with its largest part, of an area within bounds (px)."""
+    ranks = tree.rank[labels]
+    sizes = np.concatenate([[0], np.cumsum(np.bincount(ranks.ravel(), minlength=len(tree.rank)))])
     rows, columns = np.indices(ranks.shape)
-    corner = np.stack([columns, rows, -columns, -rows], -1).reshape(-1, 4)
-    boxes = np.full((count, 4), np.iinfo(np.int64).max)
-    np.minimum.at(boxes, ranks.ravel(), corner)
-    return boxes
-
-
-def node_region(
-    ranks: NDArray[np.int64], boxes: NDArray[np.int64], first: int, last: int, smallest: int, opening: int = 0
-) -> Proposal | None:
-    """The largest part of the pixels of rank first..last-1, cut out; None where it is smaller than `smallest` px."""
-    x, y, right, bottom = np.abs(boxes[first:last].min(0)).tolist()
-    part = ranks[y : bottom + 1, x : right + 1]
-    return cut_out((part >= first) & (part < last), x, y, smallest, opening)
+    corners = np.stack([columns, rows, -columns, -rows], -1).reshape(-1, 4)
+    boxes = np.full((len(tree.rank), 4), np.iinfo(np.int64).max)
+    np.minimum.at(boxes, ranks.ravel(), corners)
+    areas = sizes[tree.span[:, 1]] - sizes[tree.span[:, 0]]
+    found = []
+    for k in np.flatnonzero(nodes & (areas >= smallest) & (areas <= 1.2 * largest)).tolist():
+        first, last = tree.span[k].tolist()
+        x, y, right, bottom = np.abs(boxes[first:last].min(0)).tolist()
+        part = ranks[y : bottom + 1, x : right + 1]
+        one = cut_out((part >= first) & (part < last), x, y, smallest, opening)
+        if one is not None and one.area <= largest:
+            found.append((k, one))
+    return found

@@ -120,14 +120,14 @@ def select(
     weight = (area / (shape[0] * shape[1])) ** SELECTION.area_power
     excludes = exclusions(pool)
     final, gap = score, np.zeros(len(pool))
-    chosen = best_set((final - SELECTION.threshold) * weight, final, excludes)
+    chosen = best_set((final - SELECTION.threshold) * weight, excludes)
     for _ in range(2):
         gap = np.maximum(gap, _gaps(pool, area, chosen, shape))
         final = score + _sets(score, area, compactness, chosen, excludes) - gap
         final -= SELECTION.background_penalty * background_likeness(
             pool, chosen, final > SELECTION.threshold, colour
         )
-        chosen = best_set((final - SELECTION.threshold) * weight, final, excludes)
+        chosen = best_set((final - SELECTION.threshold) * weight, excludes)
     if chosen.any():
         chosen &= final > max(
             SELECTION.threshold, SELECTION.outlier * float(np.quantile(final[chosen], 0.75))
@@ -147,21 +147,15 @@ def exclusions(proposals: Sequence[Proposal]) -> Flags:
     return excludes
 
 
-def best_set(gain: Values, score: Values, excludes: Flags) -> Flags:
-    """(n,): the independent set of the largest gain, by local search from three starts: by gain, by score, between.
+def best_set(gain: Values, excludes: Flags) -> Flags:
+    """(n,): the independent set of the largest gain, by local search.
 
-    The hard choice is between a group and its members; no single start decides it well.
+    Proposals are taken by falling gain; then one is added or removed, the free place is refilled, and improvements
+    are kept.
     """
-    starts = (gain, score, gain * np.maximum(score, 1e-6) ** 4)
-    ends = [_climb(gain, excludes, np.argsort(-start, kind="stable")) for start in starts]
-    return max(ends, key=lambda chosen: float(gain[chosen].sum()))
-
-
-def _climb(gain: Values, excludes: Flags, order: NDArray[np.intp]) -> Flags:
-    """Take proposals in the given order; then add or remove one, refill the free place, and keep improvements."""
     by_gain = np.argsort(-gain, kind="stable")
     by_gain = by_gain[gain[by_gain] > 0]
-    chosen = _fill(np.zeros(len(gain), np.bool_), order[gain[order] > 0], excludes)
+    chosen = _fill(np.zeros(len(gain), np.bool_), by_gain, excludes)
     for _ in range(12):
         before = float(gain[chosen].sum())
         for i in by_gain:
