@@ -99,12 +99,12 @@ def add_segmentation(parser: Parser) -> None:
     about = "photos with label maps: NAME.png and NAME.labels.png, or folders of photo.png and photo.assets/masks.png"
     parser.add_argument("folder", metavar="FOLDER", type=Path, help=about)
     parser.option("--backend", "ROLE=NAME", str, "what segments: segment=NAME", [], action="append")
-    add_output(parser, "write a page with plots, and the result as JSON, in this folder")
+    add_output(parser, "write a page, and the result as JSON, in this folder")
 
 
 def run_segmentation(options: argparse.Namespace) -> int:
     from physgen.evaluate.measure import check_folder
-    from physgen.evaluate.segmentation import evaluate, findings, illustrated, pairs
+    from physgen.evaluate.segmentation import evaluate, findings, pairs
     from physgen.registry import Backends, Plan, choices
 
     chosen = choices(options.backend)
@@ -113,13 +113,12 @@ def run_segmentation(options: argparse.Namespace) -> int:
         raise InputError.of("--backend", role, "has no part in this", "write segment=NAME")
     found, warnings = pairs(options.folder)
     print_problems(warnings)
-    check_folder(options.output, plots=True)
+    check_folder(options.output)
     bar = Bar()
     segment = Backends(Plan(chosen)).get("segment")
     result = evaluate(found, segment, progress=bar.show)
     bar.clear()
-    report = findings(result)
-    return hand_over(illustrated(report, result) if options.output else report, options)
+    return hand_over(findings(result), options)
 
 
 # ---- plausibility -------------------------------------------------------------------------------------------------
@@ -297,7 +296,7 @@ def run_controllability(options: argparse.Namespace) -> int:
     bar.clear()
     found = findings(swept)
     if options.output:
-        found = found.with_parts({found.sections[0].title: (plot(swept),)})
+        found = found.with_figure(plot(swept))
     return hand_over(found, options)
 
 

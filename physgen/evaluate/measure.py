@@ -132,14 +132,9 @@ class Findings:
         rows = {"rows": list(self.rows), "bars": bars, "passed": self.passed}
         return {"measure": self.measure, **self.more, **rows}
 
-    def with_parts(self, parts: Mapping[str, Sequence[Table | Figure]], first: bool = True) -> Findings:
-        """With more parts in the sections of those titles, before the others or after them."""
-        sections = []
-        for section in self.sections:
-            more = tuple(parts.get(section.title, ()))
-            both = (*more, *section.parts) if first else (*section.parts, *more)
-            sections.append(replace(section, parts=both))
-        return replace(self, sections=tuple(sections))
+    def with_figure(self, figure: Figure) -> Findings:
+        """With a section of its own for the figure, at the end."""
+        return replace(self, sections=(*self.sections, Section("Figure", (), (figure,))))
 
 
 def as_json(findings: Findings) -> str:

@@ -12,7 +12,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,18 +25,11 @@ from physgen.evaluate.measure import (
     Table,
     counted,
     number,
-    plotted,
 )
 from physgen.maps import read_labels
 from physgen.perceive.roles import Segment, Segments
 from physgen.photos import read_photo
 from physgen.problems import InputError, Place, Problem, Severity
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from physgen.report.plot_style import Palette
-
 
 Mask = NDArray[np.bool_]
 Floats = NDArray[np.float64]
@@ -313,8 +306,6 @@ class Found:
     total: Mapping[str, Any]
     """Counts at 0.5 of all objects together; average precision `ap50`, `ap`, and `ap_by_iou` at COCO's thresholds;
     `error` of confidences."""
-    precision: Floats
-    """(101,): at 0.5, over recall."""
 
     def as_dict(self) -> dict[str, Any]:
         """As JSON, beside `rows`."""
@@ -357,25 +348,23 @@ def evaluate(
         "ap_by_iou": [{"iou": round(iou, 2), "ap": value} for iou, value in zip(THRESHOLDS, ap, strict=True)],
         "error": calibration_error(matched.photos),
     }
-    return Found(rows, total, matched.precision[0])
+    return Found(rows, total)
 
 
 # ---- report ------------------------------------------------------------------------------------------------------
 
 HEADS = ("photo", "true", "found", "hit", "precision", "recall", "F", "IoU")
-CURVES = "Precision over recall"
 PAPER = "The paper: precision 0.93 and recall 0.82 at the same IoU, on 10 photos of its own with 118 objects."
 
 
 def findings(found: Found) -> Findings:
-    """Without the plot; see `illustrated`."""
     total = found.total
     rows = tuple(_cells(row) for row in (*found.rows, {"photo": "all together", **total}))
     heads = ("average precision at IoU", *(f"{iou:.2f}" for iou in THRESHOLDS))
     by_iou = ("all objects", *(_share(one["ap"]) for one in total["ap_by_iou"]))
     sections = (
         Section("Photo by photo", (), (Table(HEADS, rows),)),
-        Section(CURVES, (), (Table(heads, (by_iou,)),)),
+        Section("By IoU", (), (Table(heads, (by_iou,)),)),
     )
     sentences = (
         f"On {counted(len(found.rows), 'photo')}, {total['hit']} of {total['true']} objects are found (recall "
@@ -396,14 +385,3 @@ def _share(value: float | None) -> str:
 def _cells(row: Mapping[str, Any]) -> tuple[str, ...]:
     numbers = (str(row[key]) for key in ("true", "said", "hit"))
     return (row["photo"], *numbers, *(_share(row[key]) for key in ("precision", "recall", "f", "iou")))
-
-
-def illustrated(report: Findings, found: Found) -> Findings:
-    """With a plot of precision over recall."""
-
-    def draw(axes: Axes, palette: Palette) -> None:
-        axes.step(np.linspace(0, 1, 101), np.maximum(found.precision, 0), color=palette.blue, where="pre")
-        axes.set(xlabel="recall", ylabel="precision", xlim=(0, 1), ylim=(0, 1.02))
-
-    figure = plotted(draw, "Precision over recall at an IoU of 0.5, as AP reads it.", 100, 90)
-    return report.with_parts({CURVES: (figure,)}, first=False)

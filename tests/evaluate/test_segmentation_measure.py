@@ -84,7 +84,7 @@ def test_tables_and_pictures(folder: Path, tmp_path: Path, capsys: pytest.Captur
     record = json.loads((out / "result.json").read_text())
     assert (record["measure"], record["passed"]) == ("segmentation", True)
     page = (out / "index.html").read_text()
-    assert page.count("data:image/svg+xml") == 1
+    assert "average precision at IoU" in page
     assert main([*arguments[:3], "--markdown"]) == 0
     assert "| photo | true |" in capsys.readouterr().out
 
