@@ -114,22 +114,6 @@ class Command:
     """Whether flags may stand between arguments, of which there can be several."""
 
 
-def joined(arguments: list[str]) -> list[str]:
-    """`--point -1,3` as `--point=-1,3`: argparse takes a value that begins with - for a flag.
-
-    >>> joined(["perceive", "a.png", "--point", "-1,3"])
-    ['perceive', 'a.png', '--point=-1,3']
-    """
-    result: list[str] = []
-    for argument in arguments:
-        is_number = argument[:1] == "-" and argument[1:2].isdecimal()
-        if is_number and result and result[-1] in ("--box", "--point"):
-            result[-1] += f"={argument}"
-        else:
-            result.append(argument)
-    return result
-
-
 def number(low: float, high: float) -> Callable[[str], float]:
     """A reader of numbers from `low` to `high`."""
 

@@ -21,6 +21,7 @@ from physgen.cli.arguments import (
     turns,
     whole,
 )
+from physgen.cli.clips import add_overlays
 from physgen.cli.output import (
     FAILED,
     OK,
@@ -276,9 +277,7 @@ def add_controllability(parser: Parser) -> None:
     parser.option("--angles", "N", turns, about, 8)
     about = "of the pushes: px/s that they give, e.g. 50,100,200; default: five, up to a third of the canvas"
     parser.option("--sizes", "LIST", speeds, about, [])
-    parser.option("--set", "KEY=VALUE", str, "edit a key of the scene", [], action="append")
-    parser.option("--variant", "NAME", str, "apply a named variant of the file")
-    parser.flag("--allow-outside", "files may lie outside the scene's folder")
+    add_overlays(parser)
     add_output(parser)
 
 

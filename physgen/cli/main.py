@@ -28,7 +28,7 @@ from physgen.cli import (
     sweep,
     verify,
 )
-from physgen.cli.arguments import WRONG_INPUT, Command, Parser, joined
+from physgen.cli.arguments import WRONG_INPUT, Command, Parser
 from physgen.cli.output import FAILED, INTERRUPTED, OK, print_error, print_json, print_problems
 from physgen.files import final_name
 from physgen.problems import InputError
@@ -52,7 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for before, text in zip(["", *given], given, strict=False):
         if URL.match(text) and (before in ("-o", "--output") or not before.startswith("-")):
             parser.error(f"{text}: URLs are not read or written; mount the store, or copy the files")
-    options = parser.parse_args(joined(given))
+    options = parser.parse_args(given)
     options.command_line = ["physgen", *given]
     with suppress(ValueError):  # not the main thread, which alone gets signals
         signal.signal(signal.SIGTERM, _interrupt)
