@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jsonschema import Draft202012Validator
 from numpy.typing import NDArray
 
 from physgen.evaluate.measure import Findings, Progress, Section, Table
@@ -24,11 +23,10 @@ from physgen.geometry.polygon import Disc, Outline, Region, Ring
 from physgen.materials import kind as kind_of
 from physgen.perceive.roles import Matter, PhotoObject, Physics, Rgb
 from physgen.perceive.scale import MIN_SCALE_CONFIDENCE, box_sides, photo_scale
-from physgen.problems import InputError, Place, Problem
-from physgen.registry import Backends, suggestion
-from physgen.scene.document import Node, Source, children, decode, items, plain, read
+from physgen.problems import InputError
+from physgen.registry import Backends
+from physgen.scene.document import Source, decode, plain, read
 from physgen.simulate.uncertainty import wilson
-from physgen.text import dotted, quoted
 
 NEAR = 0.3
 """Relative error up to which the paper counts a mass as right."""
@@ -39,8 +37,13 @@ REGULATED = 0.05
 # ---- tables ------------------------------------------------------------------------------------------------------
 
 SHIPPED = Path(__file__).with_name("objects.yaml")
-COEFFICIENTS = ("friction", "elasticity")
-NUMBERS = ("mass", *COEFFICIENTS)
+
+
+class Coefficient(Enum):
+    """What a ranking orders."""
+
+    FRICTION = "friction"
+    ELASTICITY = "elasticity"
 
 
 class Form(Enum):
@@ -51,6 +54,8 @@ class Form(Enum):
     BOX = "box"
 
 
+COEFFICIENTS = tuple(one.value for one in Coefficient)
+NUMBERS = ("mass", *COEFFICIENTS)
 LENGTHS = {Form.BALL: 1, Form.TURNED: 2, Form.BOX: 3}
 """Numbers of a form's size."""
 
@@ -107,99 +112,48 @@ class Answer:
     reason: str = ""
 
 
-def _object(properties: Mapping[str, Any], *required: str) -> dict[str, Any]:
-    return {
-        "type": "object",
-        "properties": properties,
-        "required": required,
-        "additionalProperties": False,
-    }
-
-
-_TEXT, _COEFFICIENT = {"type": "string"}, {"type": "number", "minimum": 0}
-_MASS = {"type": "number", "exclusiveMinimum": 0}
-_RANKING = _object(
-    {
-        "about": _TEXT,
-        "source": _TEXT,
-        "values": {"type": "object", "minProperties": 2, "additionalProperties": _COEFFICIENT},
-    },
-    "values",
-)
-_ITEM = _object(
-    {
-        "label": _TEXT,
-        "form": {"enum": [form.value for form in Form]},
-        "size": {"type": "array", "items": _MASS},
-        "mass": _MASS,
-    }
-)
-TABLE = _object(
-    {
-        "title": _TEXT,
-        "source": _TEXT,
-        "objects": {"type": "object", "additionalProperties": _ITEM},
-        "rankings": _object({of: {"type": "array", "items": _RANKING} for of in COEFFICIENTS}),
-    },
-    "objects",
-)
-"""JSON Schema of a table."""
-
-
 def read_table(path: Path) -> Objects:
-    """A table in YAML. Raises InputError with all problems."""
+    """A table in YAML. Raises InputError."""
+    fix = "name a table as docs/properties.md describes it"
     try:
-        root = read(decode(path.read_bytes(), str(path)), Source(str(path), path.parent))
+        data: Any = plain(read(decode(path.read_bytes(), str(path)), Source(str(path), path.parent)))
+        objects = tuple(_item(name, **row) for name, row in data["objects"].items())
+        rankings = tuple(
+            Ranking(
+                of, one.get("about", ""), one.get("source", ""), _values_of(one["values"], data["objects"])
+            )
+            for of in data.get("rankings", {})
+            for one in data["rankings"][Coefficient(of).value]
+        )
+        table = Objects(data.get("title", path.name), data.get("source", ""), objects, rankings)
     except OSError as error:
-        fix = "name a table as docs/properties.md describes it"
         raise InputError.of(str(path), "", f"cannot be read ({error.strerror})", fix) from None
-    data = plain(root)
-    problems = []
-    for wrong in Draft202012Validator(TABLE).iter_errors(data):
-        keys = tuple(wrong.absolute_path)
-        place = _node(root, keys).place
-        problems.append(Problem(place, dotted(keys), "", wrong.message, "see docs/properties.md"))
-    if problems:
-        raise InputError(problems)
-    return _table(data, path)
-
-
-def _node(node: Node, keys: tuple[str | int, ...]) -> Node:
-    for key in keys:
-        node = children(node)[key] if isinstance(key, str) else items(node)[key]
-    return node
-
-
-def _table(data: Mapping[str, Any], path: Path) -> Objects:
-    problems: list[Problem] = []
-    objects = tuple(_item(name, row, path, problems) for name, row in data["objects"].items())
-    rankings = []
-    for of, several in data.get("rankings", {}).items():
-        for one in several:
-            for name in one["values"]:
-                if name not in data["objects"]:
-                    fix = suggestion(name, sorted(data["objects"]))
-                    problems.append(
-                        Problem(Place(str(path)), f"rankings.{of}", quoted(name), "is no object", fix)
-                    )
-            rankings.append(Ranking(of, one.get("about", ""), one.get("source", ""), one["values"]))
-    table = Objects(data.get("title", path.name), data.get("source", ""), objects, tuple(rankings))
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        raise InputError.of(str(path), "", f"is no table of objects ({error})", fix) from None
     if not table.weighed and not rankings:
         fix = "give objects a mass in g, or write a ranking"
-        problems.append(Problem(Place(str(path)), "", "", "has nothing to compare answers with", fix))
-    if problems:
-        raise InputError(problems)
+        raise InputError.of(str(path), "", "has nothing to compare answers with", fix)
     return table
 
 
-def _item(name: str, row: Mapping[str, Any], path: Path, problems: list[Problem]) -> Item:
-    form, size = Form(row.get("form", "box")), tuple(row.get("size", ()))
-    if size and len(size) != LENGTHS[form]:
-        expected = f"is not {LENGTHS[form]} lengths in mm, as a {form.value} has"
-        place = Place(str(path))
-        problems.append(Problem(place, f"objects.{name}", str(list(size)), expected, "write them all"))
-    label = row.get("label", name.replace("-", " ").replace("_", " "))
-    return Item(name, label, form, size, row.get("mass"))
+def _item(
+    name: str, label: str = "", form: str = "box", size: Sequence[float] = (), mass: float | None = None
+) -> Item:
+    """Raises ValueError or TypeError."""
+    shape, sides = Form(form), tuple(map(float, size))
+    if sides and len(sides) != LENGTHS[shape]:
+        raise ValueError(f"{name}: the size is not {LENGTHS[shape]} lengths in mm, as a {form} has")
+    if min(*sides, 1.0 if mass is None else float(mass), 1.0) <= 0:
+        raise ValueError(f"{name}: a mass and a size are above 0")
+    label = str(label) or name.replace("-", " ").replace("_", " ")
+    return Item(name, label, shape, sides, None if mass is None else float(mass))
+
+
+def _values_of(values: Mapping[str, float], objects: Mapping[str, Any]) -> dict[str, float]:
+    """Raises ValueError for fewer than two, and for names of no object."""
+    if len(values) < 2 or not values.keys() <= objects.keys():
+        raise ValueError(f"a ranking has values of two objects or more, not of {', '.join(values)}")
+    return {name: float(value) for name, value in values.items()}
 
 
 # ---- scores ------------------------------------------------------------------------------------------------------
