@@ -79,8 +79,14 @@ def frames(rows: Any) -> list[Row]:
 
 
 def segmentation(rows: Any) -> list[Row]:
-    names = {"peers": "photos of the paper's kind", "homes": "rendered rooms", "test": "our photos, held out"}
-    every = {row["set"]: row for row in rows if not row["photo"] and row["way"] == "both"}
+    names = {
+        "peers": "photos of the paper's kind",
+        "household": "four more real photos",
+        "coco": "any photos, COCO's",
+        "homes": "rendered rooms",
+        "test": "our photos, held out",
+    }
+    every = {row["set"]: row for row in rows if row["photo"] == ""}
     told = []
     for key, words in names.items():
         if key in every:

@@ -163,12 +163,17 @@ class Tally:
 
     def __init__(self) -> None:
         self.counts: Counts[str] = Counts()
+        self.newest = 0.0
+        """s since 1970: when the newest clip was made."""
         self.disk_full = False
         self._warnings: set[str] = set()
 
     def add(self, done: Done) -> None:
         """Count one clip."""
         self.counts[done.state.name.lower()] += 1
+        if done.folder is not None:
+            with suppress(OSError):  # another run may be replacing the clip
+                self.newest = max(self.newest, (done.folder / "manifest.json").stat().st_mtime)
 
     def new_warnings(self, done: Done) -> Iterator[str]:
         """Problems of a clip that were not printed for another clip of the scene."""
@@ -221,7 +226,8 @@ def make_all(
                 bar.show("clips", tally.counts.total(), count)
     bar.clear()
     files = finish()
-    is_new = tally.counts["made"] or tally.counts["failed"] or not index.exists()
+    older = not index.exists() or index.stat().st_mtime < tally.newest  # an interrupted run wrote none
+    is_new = tally.counts["made"] or tally.counts["failed"] or older
     if gallery and not tally.disk_full and is_new:
         _write_gallery(index, bar, tally)
     shown = index if count > 1 and index.exists() else None

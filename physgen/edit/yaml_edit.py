@@ -1,4 +1,4 @@
-"""Changes of YAML text that keep all other lines and the comments as they are, but for comments in brackets.
+"""Changes of YAML text that keep all other lines and the comments as they are.
 
 Positions come from the parser of scenes, so that a position holds what the scene has there; new values are written in
 the style of `physgen.scene.write`. The new text is read back: one that does not hold the intended data is never
@@ -157,6 +157,14 @@ def below(text: str, place: int, lines: Sequence[str]) -> Patch:
     return stop, stop, line + line.join(lines)
 
 
+def joint(text: str, node: Marked, before: Marked) -> str:
+    """Separator of a new entry in brackets: with a line break where each entry has a line of its own."""
+    begin = node.keys[node.children.index(before)][1] if node.kind is dict else before.begin
+    if leads(text, begin) and line_begin(text, begin) > node.begin:
+        return "," + newline(text) + text[line_begin(text, begin) : begin]
+    return ", "
+
+
 def find(text: str, path: Sequence[str | int]) -> Marked:
     """The value at a path. Raises EditError where there is none."""
     node = marked(text)
@@ -229,9 +237,14 @@ def _drop(text: str, path: KeyPath) -> str:
 
 
 def _cut(text: str, parent: Marked, at: int, begin: int) -> Patch:
-    """Patch that removes one of several entries in brackets, or the first behind a dash."""
+    """Patch that removes one of several entries in brackets, and no comments of others."""
     child = parent.children[at]
-    if at:
+    if at and leads(text, begin):  # the comma before it may stay: YAML lets one stand at the end
+        if re.fullmatch(r"\s*,\s*(#.*)?", text[child.end : line_end(text, child.end)]):
+            return line_begin(text, begin), line_after(text, child.end), ""
+        if at + 1 == len(parent.children):
+            return begin, child.end, ""
+    elif at:
         return parent.children[at - 1].end, child.end, ""
     after = entry(text, parent, at + 1)
     if not parent.is_flow and "#" in text[line_end(text, child.end) : after]:  # behind a dash, comments below
@@ -249,7 +262,7 @@ def _insert(text: str, path: KeyPath, value: Any) -> str:
         inner, before = flow_text(value, path), node.children[max(at - 1, 0)]
         if at == 0:
             return patched(text, (before.begin, before.begin, f"{inner}, "))
-        return patched(text, (before.end, before.end, f", {inner}"))
+        return patched(text, (before.end, before.end, joint(text, node, before) + inner))
     indent = " " * node.column
     lines = entry_lines(value, f"{indent}-", indent + "  ", path)
     if at:
@@ -276,7 +289,7 @@ def _made(text: str, path: KeyPath, value: Any) -> str:
     after = node.children[_before(node, where, key)]
     if node.is_flow:
         inner = f"{key_text(key)}: {flow_text(value, path)}"
-        return patched(text, (after.end, after.end, f", {inner}"))
+        return patched(text, (after.end, after.end, joint(text, node, after) + inner))
     indent = " " * node.column
     return patched(
         text, below(text, after.end, entry_lines(value, f"{indent}{key_text(key)}:", indent + "  ", path))

@@ -26,6 +26,8 @@ if platform.machine().lower() in ("x86_64", "amd64"):
     # its macroblock tree for AVX-512 reads what lay in memory: one clip, two streams. As fast without, and older
     # processors write the same bytes
     X264["x264-params"] = "asm=SSE4.2"
+PALETTE_FRAMES = 8
+"""Frames that a GIF's palette is chosen from: the first ones, since frames are streamed."""
 
 
 class Format(Enum):
@@ -165,27 +167,47 @@ def _webp(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
 
 @contextmanager
 def _gif(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
-    """One palette, of the first frame; GIF counts time in hundredths of a second, so 30 fps plays at 33.3."""
+    """One shared palette; GIF counts time in hundredths of a second, so 30 fps plays at 33.3."""
     import av
     from PIL import Image
 
     with av.open(str(path), "w", format="gif", options={"loop": "0", "fflags": "+bitexact"}) as container:
         stream = container.add_stream("gif", rate=rate)
         stream.width, stream.height, stream.pix_fmt = *size, "pal8"
-        palette: Image.Image | None = None
-        table = np.zeros((256, 4), np.uint8)
+        waiting: list[U8] = []
+        chosen: list[tuple[Image.Image, U8]] = []
+
+        def put(rgb: U8) -> None:
+            palette, table = chosen[0]
+            indices = np.asarray(
+                Image.fromarray(rgb).quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG)
+            )
+            indexed: Any = (np.ascontiguousarray(indices), table)
+            frame = av.VideoFrame.from_ndarray(indexed, format="pal8")
+            container.mux(stream.encode(frame))
+
+        def choose() -> None:
+            if not chosen and waiting:
+                palette = Image.fromarray(np.concatenate(waiting)).quantize(255)
+                colours = np.array(palette.getpalette(), np.uint8).reshape(-1, 3)
+                table = np.zeros((256, 4), np.uint8)
+                table[:, 0] = 255
+                table[: len(colours), 1:] = colours
+                chosen.append((palette, table))
+            for rgb in waiting:
+                put(rgb)
+            waiting.clear()
 
         def write(rgb: U8) -> None:
-            nonlocal palette
-            if palette is None:
-                palette = Image.fromarray(rgb).quantize(255)
-                colours = np.array(palette.getpalette(), np.uint8).reshape(-1, 3)
-                table[:, 0], table[: len(colours), 1:] = 255, colours
-            shown = Image.fromarray(rgb).quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG)
-            indexed: Any = (np.ascontiguousarray(shown), table)
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(indexed, format="pal8")))
+            if chosen:
+                put(rgb)
+                return
+            waiting.append(rgb)
+            if len(waiting) == PALETTE_FRAMES:
+                choose()
 
         yield write
+        choose()
         container.mux(stream.encode(None))
 
 

@@ -307,7 +307,7 @@ forces: []
             "forces: []\n",
             "forces:\n  - {object: ball, impulse: [-1.0e6, 0]}\n",
         ),
-        ({"set": ["world", "duration"], "value": 1.5}, "_meter: 200}", "_meter: 200, duration: 1.5}"),
+        ({"set": ["world", "duration"], "value": 1.5}, "_meter: 200}", "_meter: 200,\n        duration: 1.5}"),
         (
             {"set": ["light", "direction"], "value": [0, 0, 1]},
             "forces: []\n",
