@@ -124,7 +124,8 @@ def test_masks_land_where_the_boxes_are(size, tiny):
     height, width = size
     box = (0.2 * width, 0.3 * height, 0.4 * width, 0.5 * height)
     point = (0.8 * width, 0.2 * height)
-    points = [point] if min(size) > 100 else []  # in a small photo the answer has too few pixels for an object
+    # in a small photo the answer has too few pixels for an object
+    points = [point] if min(size) > 100 else []
     told = from_prompts(photo(*size), [box], points, only(run))
     assert agree(told.labels == 1, rectangle(size, 0.2, 0.3, 0.6, 0.8)) > 0.93
     assert told.confidence[1] == pytest.approx(12 / 13)  # 6 times odds of 2
