@@ -250,9 +250,11 @@ def test_parts_that_come_and_go_do_the_same(variant: str, video: Video, monkeypa
     with monkeypatch.context() as patch:
         patch.setattr(sampling, "place_pipeline", in_parts)
         model = video(variant)
+        model.close()  # other tests share it
         made = refined(model, count=5)
         assert model.note()["offload"] == "model"
         assert {type(hook).__name__ for hook in model._network.pipe._all_hooks} == {"UserCpuOffloadHook"}
+        model.close()
     assert np.abs(made.astype(int) - refined(video(variant), count=5)).max() <= 1
 
 
