@@ -525,9 +525,6 @@ def describe_error(error: Exception) -> str:
 
 # --- listing: what is ready, what is missing ---
 
-NAME_WIDTH = 24
-"""Characters of the column of names."""
-
 
 def listing(plan: Plan | None = None) -> list[Mapping[str, Any]]:
     """One mapping a row: role, name, default, chosen, ready, missing, about.
@@ -594,14 +591,3 @@ def hub_cache() -> Path:
     home = get("HF_HOME", os.path.join(get("XDG_CACHE_HOME", "~/.cache"), "huggingface"))
     cache = get("HF_HUB_CACHE", get("HUGGINGFACE_HUB_CACHE", os.path.join(home, "hub")))
     return Path(os.path.expandvars(os.path.expanduser(cache)))
-
-
-def listing_lines(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    """Lines of text: a role, its backends, and below each what is missing."""
-    role = None
-    for row in rows:
-        if row["role"] != role:
-            role = row["role"]
-            yield role
-        yield f"  {'*' if row['chosen'] else ' '} {row['name']:<{NAME_WIDTH}} {row['about']}"
-        yield from (f"{'':{NAME_WIDTH + 5}}[{line}]" for line in row["missing"])

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from physgen import registry
+from physgen.cli.perceive import listing_lines
 from physgen.problems import InputError
 from physgen.registry import (
     Backend,
@@ -21,7 +22,6 @@ from physgen.registry import (
     Weights,
     choices,
     listing,
-    listing_lines,
     load_plan,
     read_options,
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -156,6 +156,21 @@ def import_(options: argparse.Namespace) -> int:
     return OK
 
 
+NAME_WIDTH = 24
+"""Characters of the column of names."""
+
+
+def listing_lines(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Lines of text: a role, its backends, and below each what is missing."""
+    role = None
+    for row in rows:
+        if row["role"] != role:
+            role = row["role"]
+            yield role
+        yield f"  {'*' if row['chosen'] else ' '} {row['name']:<{NAME_WIDTH}} {row['about']}"
+        yield from (f"{'':{NAME_WIDTH + 5}}[{line}]" for line in row["missing"])
+
+
 def list_backends(options: argparse.Namespace) -> int:
     from physgen import registry
 
@@ -163,7 +178,7 @@ def list_backends(options: argparse.Namespace) -> int:
     if options.json:
         print_json({"backends": rows})
         return OK
-    for line in registry.listing_lines(rows):
+    for line in listing_lines(rows):
         print(line)
     print("\n* is used unless --backend, --profile or --config chooses another", file=sys.stderr)
     return OK
