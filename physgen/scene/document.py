@@ -160,6 +160,7 @@ def whole(node: Node) -> list[int]:
 
 MAX_BYTES = 8 * 2**20
 MAX_DEPTH = 50
+TOO_DEEP = f"nested deeper than {MAX_DEPTH} levels"
 MAX_NODES = 500_000
 MAX_OBJECTS = 10_000
 
@@ -285,7 +286,7 @@ class _Reader:
                 stack.append(node)
                 above = node.value
                 if len(stack) > MAX_DEPTH:
-                    raise _stop(self._place(event), f"nested deeper than {MAX_DEPTH} levels", "nest less")
+                    raise _stop(self._place(event), TOO_DEEP, "nest less")
         return root
 
     def _key(self, event: Any, siblings: dict[str, Node], stack: list[Node]) -> str:
@@ -358,6 +359,8 @@ def _syntax(error: yaml.YAMLError, text: str, source: Source) -> Problem:
         text_ = "control characters are not allowed"
     if source.name.startswith("--set "):
         place = Place(source.name)
+    if "maximum nesting depth" in text_:  # libyaml's own limit, from 0.2.6 on, is met before ours is seen
+        return Problem(place, "", "", TOO_DEEP, "nest less")
     fix = next((fix for start, fix in _FIXES if start in text_), "write `key: value`, one a line")
     return Problem(place, "", "", f"not YAML: {text_}", fix)
 
