@@ -56,6 +56,7 @@ export function start(editor) {
     if (!(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "s" || event.altKey) return;
     event.preventDefault();
     event.stopImmediatePropagation();
+    showSaved(); // the button may still show the state before the last edit
     if (!save.disabled || editor.pending || editor.typing?.()) saving(); else editor.say("Saved already");
   }, true);
 
