@@ -1,4 +1,4 @@
-"""Ways to draw a truth video with parts of ours or of the paper's compositing taken away, for docs/fidelity.md."""
+"""Ways to draw a truth video with parts of ours or of the paper's compositing taken away, for docs/benchmarks.md."""
 
 from __future__ import annotations
 

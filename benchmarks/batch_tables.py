@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Sequence
 from typing import Any
+
+from layout import prose, table
 
 Row = dict[str, Any]
 
@@ -14,73 +15,73 @@ def batch_table(rows: Sequence[Row]) -> list[str]:
     found = {name: part for row in rows for name, part in row.items()}
     one, two, ratio = found["throughput"]
     beside, stopped = found["beside"], found["stopped"]
-    stages = ", ".join(f"{name} {ms:g}" for name, ms in beside["stages"].items())
-    ways = [[row["jobs"], row["rate"], row["cpu"]] for row in (one, two)]
+    ways = [[row["jobs"], f"{row['rate']:.1f}", f"{row['cpu']:.2f}"] for row in (one, two)]
     again, parent = [], []
     if "again" in found:  # parts that have not been run are left out
-        again = _prose(
-            f"A run that finds all of {found['again']['clips']} clips there: {found['again']['wall']} s, its gallery",
-            "included (the bar is 5).",
+        again = prose(
+            f"A run that finds all of {found['again']['clips']} clips complete: {found['again']['wall']} s,",
+            "its gallery included (the bar is 5).",
         )
     if "parent" in found:
-        parent = [
-            "Memory of the process that hands out the work, at its peak, for sweeps of a tiny scene:",
-            "",
-            *_table(["clips", "MiB"], [[row["clips"], row["mib"]] for row in found["parent"]]),
-        ]
+        parent = prose(
+            "Peak memory of the process that hands out the work:",
+            ", ".join(f"{row['mib']:.0f} MiB for {row['clips']:,} clips" for row in found["parent"]) + ".",
+        )
     return [
-        "## Batches",
-        "",
-        *_prose(
+        *prose(
             f"{one['clips']} variants of a bundled scene, 16 frames of 256 px, with one process and with two,",
             "in turns; all between the command and the gallery of its clips counts.",
         ),
         "",
-        *_table(["processes", "clips a second", "CPU, s a clip"], ways),
+        *table(["processes", "clips a second", "CPU, s a clip"], ways),
         "",
-        *_prose(
-            f"Two make {ratio['ratio']} times as many clips as one (turn by turn",
-            f"{', '.join(map(str, ratio['turns']))}; the bar is 1.8); CPU a clip is {ratio['more']} times that of one",
-            "(the bar is 1.1).",
+        *prose(
+            f"Two make {ratio['ratio']:.2f} times as many clips as one (the bar is 1.8); CPU a clip is",
+            f"{ratio['more']:.2f} times that of one (the bar is 1.1).",
         ),
         "",
-        *_prose(
-            f"In one process a clip takes {beside['whole']} ms of CPU, of which {beside['beside']} ms are no stage's",
-            f"(the bar is 5): {stages}.",
+        *prose(
+            f"In one process a clip takes {beside['whole']:.0f} ms of CPU, of which {beside['beside']} ms are outside",
+            "the stages (the bar is 5).",
         ),
         "",
         *(line for part in (again, parent) if part for line in (*part, "")),
-        *_prose(
+        *prose(
             f"Ctrl-C, {stopped['times']} times, while two processes draw: {stopped['median']} s to the end in the",
             f"middle, {stopped['most']} s at most (the bar is 2).",
         ),
     ]
 
 
-def kills_table(rows: Sequence[Row]) -> list[str]:
-    """How a batch ended that was killed again and again."""
-    end, log = rows[0], rows[1:]
+def cluster_table(rows: Sequence[Row]) -> list[str]:
+    """Dask against processes, and a worker that was killed."""
+    local, handing, killed = (next(iter(row.values())) for row in rows)
+    ways = [
+        [r["way"], r["wall"], r["cpu"], *(" ".join(map(str, r[k])) for k in ("rate", "load"))] for r in local
+    ]
     return [
-        "## Killed, and run again",
-        "",
-        *_prose(
-            f"A batch of {end['clips']} clips, killed (SIGKILL) {end['kills']} times at random moments and run again",
-            f"until it was whole. Its clips are {'the same' if end['same'] else 'NOT THE SAME'}, byte for byte, as",
-            f"those of a run never killed; {end['left'] or 'nothing'} half-written is left in the end,",
-            f"{end['most_left']} files at most after a kill.",
+        *prose(
+            f"{local[0]['clips']} variants of a bundled scene, 16 frames of 256 px: with two processes, and with two",
+            "workers of a local Dask cluster, in turns. Throughput and CPU against processes: least, median, most.",
         ),
         "",
-        *_table(
-            ["after, s", "killed", "clips whole then", "damaged", "half-written left"],
-            [[row[key] for key in ("after", "killed", "whole", "damaged", "left")] for row in log],
+        *table(["", "wall, s", "CPU, s", "throughput", "CPU"], ways),
+        "",
+        *prose(
+            f"Handing out a clip costs {handing} ms of CPU. One of two workers killed (SIGKILL) after",
+            f"{killed['after']} of {killed['clips']} clips: {killed['there']} clips are complete, {killed['equal']} of",
+            f"their {killed['files']} videos and trajectories equal to this machine's, byte for byte;",
+            f"{killed['left'] or 'no'} partial files are left.",
         ),
     ]
 
 
-def _prose(*parts: str) -> list[str]:
-    return textwrap.wrap(" ".join(parts), 116)
-
-
-def _table(heads: Sequence[str], rows: Sequence[Sequence[Any]]) -> list[str]:
-    lines = [heads, ["---"] * len(heads), *rows]
-    return ["|".join(["", *(f" {cell} " for cell in line), ""]).replace(" --- ", "---") for line in lines]
+def kills_table(rows: Sequence[Row]) -> list[str]:
+    """How a batch ended that was killed repeatedly."""
+    end = rows[0]
+    return prose(
+        f"A batch of {end['clips']} clips, killed (SIGKILL) {end['kills']} times at random moments and started again",
+        f"until it was complete. Its clips are {'the same' if end['same'] else 'NOT THE SAME'}, byte for byte, as",
+        f"those of a run never killed; {end['left'] or 'no'} partial files are left in the end, {end['most_left']} at",
+        "most after a kill.",
+    )

@@ -1,6 +1,6 @@
 """How soon an edit shows its motion: whole round trips over HTTP to `physgen edit`, in a process of its own.
 
-    python benchmarks/run.py editor          # and the last part of docs/editing.md
+    python benchmarks/run.py editor
 
 An edit sets the velocity of a body and is answered with the whole state: text, problems, lints and the first part of
 the new motion, which the page plays while it asks for more. A preview is what an arrow that is being dragged asks for.
@@ -20,12 +20,11 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+import layout
 import numpy as np
+from layout import prose
 
 ROOT = Path(__file__).resolve().parent.parent
-RESULTS = Path(__file__).resolve().parent / "results"
-PAGE = ROOT / "docs" / "editing.md"
-MARK = "<!-- latency -->"
 COUNTS = (1, 16, 100)
 EDITS, WHOLE = 24, 4
 """Of each scene; of every fourth the whole motion is asked for."""
@@ -140,46 +139,25 @@ def editor(folder: Path) -> list[dict]:
     return rows
 
 
-def section(result: dict[str, Any]) -> str:
-    """The last part of docs/editing.md."""
-    rows = result["rows"]
-    lines = [
-        MARK,
-        "",
-        "## How fast",
-        "",
-        "Written by `python benchmarks/run.py editor` from `benchmarks/results/editor.json`; do not edit. Each row: "
-        f"{EDITS} edits",
-        "of one body's velocity and as many previews, whole round trips over HTTP with a server in a process of",
-        "its own, ms, the median and the worst. An answer to an edit holds the new text, problems and lints, and the",
-        "first part of the new motion; the page plays that while it asks for the rest, and `whole` is when the last of",
-        "it has come. CPU is what an edit takes of a processor, on average, whoever else wants it.",
-        "",
-        "| scene | bodies | preview | edit | CPU, edit | of the motion in its answer | whole motion |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    for row in rows:
-        cells = [row["scene"], row["bodies"], _pair(row["preview"]), _pair(row["edit"])]
-        cells += [f"{row['cpu']:.0f}", f"{row['first']:.0%}", _pair(row["whole"])]
-        lines.append("| " + " | ".join(map(str, cells)) + " |")
+def table(rows: list[dict[str, Any]]) -> list[str]:
+    """The slowest of the bundled scenes, and heaps."""
     bundled = [row for row in rows if row["scene"][0].isalpha()]
-    heap = next(row for row in rows if row["bodies"] == max(COUNTS))
-    loads = [row["load"] for row in rows]
-    lines += [
-        "",
-        f"Of the bundled scenes the slowest median is {max(row['edit'][0] for row in bundled):.0f} ms an edit, the "
-        f"slowest of all {max(row['edit'][1] for row in bundled):.0f} ms; a pyramid of {max(COUNTS)}",
-        f"boxes takes {heap['edit'][0]:.0f} ms, {heap['edit'][1]:.0f} ms at the worst. Measured on "
-        f"{result['machine']},",
-        f"while {min(loads):g} to {max(loads):g} processes wanted its cores.",
+    heaps = [row for row in rows if not row["scene"][0].isalpha()]
+    slowest = max(bundled, key=lambda row: row["edit"][0])
+    body = [
+        [row["scene"], row["bodies"], _pair(row["preview"]), _pair(row["edit"]), _pair(row["whole"])]
+        for row in (*heaps, slowest)
     ]
-    return "\n".join(lines) + "\n"
+    return [
+        *prose(
+            f"{EDITS} edits of one body's velocity and as many previews, whole round trips over HTTP, in ms: the",
+            "median, the worst. An answer to an edit holds the new text, its problems and the first part of the new",
+            "motion; `motion` is when the last of it has come. Of the bundled scenes the slowest is shown.",
+        ),
+        "",
+        *layout.table(["scene", "bodies", "preview", "edit", "motion"], body),
+    ]
 
 
 def _pair(times: list[float]) -> str:
     return f"{times[0]:.0f}, {times[1]:.0f}"
-
-
-def page(text: str, result: dict[str, Any]) -> str:
-    """docs/editing.md with its last part as the figures have it."""
-    return text[: text.index(MARK)] + section(result)

@@ -1,4 +1,4 @@
-"""The whole trip in the browser, from a photo to a saved scene: docs/editor.gif, and the pictures of docs/editing.md.
+"""The whole trip in the browser, from a photo to a saved scene: docs/editor.gif, and the pictures of docs/editor.md.
 
     python benchmarks/editor_trip.py
 

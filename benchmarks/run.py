@@ -4,7 +4,7 @@
     python benchmarks/run.py render start    # some of it
     python benchmarks/run.py physics         # the physics scorecard, its page and the scenes of its first draws
     python benchmarks/run.py rivals          # the same rows in other engines, beside ours; some minutes
-    python benchmarks/run.py fidelity        # frames against the studio's truth videos, and docs/fidelity.md
+    python benchmarks/run.py fidelity        # frames against the studio's truth videos
     python benchmarks/run.py gallery         # pages of 1,000 and 5,000 clips in headless Chromium
     python benchmarks/run.py batch           # many clips: throughput, what each costs beside its stages, memory
     python benchmarks/run.py cluster         # a Dask cluster against processes, and a worker killed midway
@@ -12,12 +12,11 @@
     python benchmarks/run.py growth          # cost of 10 to 1,000 bodies, and its plot
     python benchmarks/run.py labels          # ground truth: every format in one pass, beside its encoders
     python benchmarks/run.py fid             # the paper's ablation of physical reasoning; some 15 minutes
-    python benchmarks/run.py datasets        # very many tiny clips into shards: time and memory
     python benchmarks/run.py refine          # what refinement keeps exactly, and costs, on tiny models; see refine.py
-    python benchmarks/run.py editor          # physgen edit: how soon an edit shows its motion, and docs/editing.md
-    python benchmarks/run.py plausibility    # right clips told from wrong ones, our scenes, and docs/plausibility.md
-    python benchmarks/run.py properties controllability runtime    # the paper's measures of that name, and their pages
-    python benchmarks/sureness.py            # how sure perception says it is, beside how far off; and docs/fan.md
+    python benchmarks/run.py editor          # physgen edit: how soon an edit shows its motion
+    python benchmarks/run.py plausibility    # right clips told from wrong ones, and our scenes
+    python benchmarks/run.py properties controllability runtime    # the paper's measures of that name
+    python benchmarks/run.py sureness        # stated confidences of masses beside their errors
 
 Times are CPU seconds of one run each on whatever machine this is: compare within a table, not between machines.
 """
@@ -33,32 +32,27 @@ import tempfile
 from pathlib import Path
 
 import cv2
-import editor as editing
-import fid_page
 import numpy as np
 from ablations import ablations
 from batch import batch
 from cluster import cluster
-from dataset_shards import datasets
+from editor import editor
 from fid import fid
 from frames import frames as frame_rows
-from frames import presets
 from gallery import gallery
 from growth import growth, plot
 from kills import kills
 from labels import labels
 from paper import controllability, properties, runtime
-from paper import page as measure_page
 from perceiving import perceiving
 from percepts import percepts
 from physics.run import physics, rivals
 from plausibility.run import plausibility
 from prompts import prompts
 from refine import refining
-from scale import PAGE
-from scale import page as scale_page
 from segments import names, segmentation
-from tables import RESULTS, fidelity_page, page, physics_page, plausibility_page
+from sureness import sureness
+from tables import RESULTS, write
 
 from physgen import pipeline
 from physgen.cli.main import main as physgen
@@ -141,27 +135,6 @@ def start(folder: Path) -> list[dict]:
     return [{"command": command, "cpu": cpu} for command, cpu in rows]
 
 
-def check(folder: Path) -> list[dict]:
-    """Milliseconds to read and check a scene of 16 objects with 80-point polygons, after imports."""
-    angle = np.arange(80) * 2 * np.pi / 80
-    lines = ["physgen: 1", "size: [512, 512]", "objects:"]
-    for k in range(16):
-        x, y = 60 + 120 * (k % 4), 60 + 120 * (k // 4)
-        points = [[round(float(x + 40 * np.cos(a)), 2), round(float(y + 40 * np.sin(a)), 2)] for a in angle]
-        lines += [f"  thing-{k}:", "    label: thing", f"    shape: {{polygon: {points}}}", "    mass: 100"]
-    path = folder / "sixteen.yaml"
-    path.write_text("\n".join(lines) + "\n")
-    code = (
-        "import sys, time; from pathlib import Path; from physgen.scene.load import load\n"
-        "load(Path(sys.argv[1])); times = []\n"
-        "for _ in range(15):\n    t = time.process_time(); load(Path(sys.argv[1]))\n"
-        "    times.append(time.process_time() - t)\n"
-        "print(sorted(times)[7])"
-    )
-    run = subprocess.run([sys.executable, "-c", code, str(path)], check=True, capture_output=True, text=True)
-    return [{"scene": "16 objects, 80-point polygons", "ms": round(1000 * float(run.stdout), 1)}]
-
-
 def frames_against_truth(folder: Path) -> list[dict]:
     """Frames against the studio's truth videos, ours and the paper's way, each scene and way."""
     return fidelity.evaluate(ROOT / "studio/truth", ways=ablations)["rows"]
@@ -196,21 +169,15 @@ def frame_costs(folder: Path) -> list[dict]:
     return frame_rows(scenes(folder), folder)
 
 
-def encoder(folder: Path) -> list[dict]:
-    """Presets and threads of the encoder, on a bundled clip."""
-    return presets(ROOT / "scenes" / "billiards" / "scene.yaml")
-
-
 PARTS = {
     "render": render,
     "start": start,
-    "check": check,
     "segmentation": segmentation,
     "names": names,
     "physics": physics,
 }
 PARTS |= {"rivals": rivals, "growth": growth, "fidelity": frames_against_truth, "shadows": shadows}
-PARTS |= {"frames": frame_costs, "encoder": encoder}
+PARTS |= {"frames": frame_costs}
 PARTS |= {"prompts": prompts, "perceive": perceiving, "percepts": percepts}
 PARTS |= {
     "refine": refining,
@@ -218,14 +185,13 @@ PARTS |= {
     "batch": batch,
     "kills": kills,
     "labels": labels,
-    "datasets": datasets,
     "cluster": cluster,
     "plausibility": plausibility,
     "fid": fid,
-    "editor": editing.editor,
+    "editor": editor,
+    "sureness": sureness,
 }
-MEASURES = {"properties": properties, "controllability": controllability, "runtime": runtime}
-PARTS |= MEASURES
+PARTS |= {"properties": properties, "controllability": controllability, "runtime": runtime}
 
 
 def main(names: list[str]) -> None:
@@ -237,27 +203,9 @@ def main(names: list[str]) -> None:
         result = {"machine": machine, "rows": rows}
         file = "physics" if name == "rivals" else name
         (RESULTS / f"{file}.json").write_text(json.dumps(result, indent=1) + "\n")
-    if (RESULTS / "growth.json").exists():
-        rows = json.loads((RESULTS / "growth.json").read_text())["rows"]
-        (ROOT / "docs" / "growth.svg").write_text(plot(rows))
-    (ROOT / "docs" / "benchmarks.md").write_text(page())
-    PAGE.write_text(scale_page())
-    if (RESULTS / "physics.json").exists():
-        (ROOT / "docs" / "physics.md").write_text(physics_page())
-    if (RESULTS / "fidelity.json").exists():
-        (ROOT / "docs" / "fidelity.md").write_text(fidelity_page())
-    if (RESULTS / "plausibility.json").exists():
-        (ROOT / "docs" / "plausibility.md").write_text(plausibility_page())
-    if (RESULTS / "fid.json").exists():
-        text, result = fid_page.PAGE.read_text(), json.loads((RESULTS / "fid.json").read_text())
-        fid_page.PAGE.write_text(fid_page.page(text, result))
-    if (RESULTS / "editor.json").exists():
-        text, result = editing.PAGE.read_text(), json.loads((RESULTS / "editor.json").read_text())
-        editing.PAGE.write_text(editing.page(text, result))
-    for name in MEASURES:
-        if (RESULTS / f"{name}.json").exists():
-            (ROOT / "docs" / f"{name}.md").write_text(measure_page(name))
-    print(page())
+    grown = json.loads((RESULTS / "growth.json").read_text())["rows"]
+    (ROOT / "docs" / "growth.svg").write_text(plot(grown))
+    write()
 
 
 if __name__ == "__main__":

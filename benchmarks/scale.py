@@ -1,6 +1,4 @@
-"""benchmarks/results/batch.json and cluster.json -> docs/scale.md: what a million clips on a thousand cores cost.
-
-    python benchmarks/scale.py               # writes the page; a test fails when it differs from the figures
+"""benchmarks/results/batch.json and cluster.json -> what a million clips on a thousand cores would cost.
 
 Nothing here was run on a thousand cores: it is what was measured on two, times what it takes.
 """
@@ -12,25 +10,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from layout import prose, table
+
 from physgen.batch.workers import AHEAD
 
 RESULTS = Path(__file__).resolve().parent / "results"
-PAGE = RESULTS.parents[1] / "docs" / "scale.md"
 CLIPS, CORES = 10**6, 1000
 BY_CLIP = ("video.mp4", "trajectory.npz", "manifest.json", "a row of sweep.csv")
 """What every clip of a sweep leaves with `--report none`."""
-
-HEAD = """\
-# A million clips on a thousand cores
-
-Written by `python benchmarks/scale.py` from `benchmarks/results/batch.json` and `cluster.json`; do not edit. No one
-has run this here: it is what two cores took, times what it takes, for a million variants of a bundled scene (nine
-dominoes), 16 frames of 256 px each, `--report none`, on a Dask cluster of 1,000 workers of one core that share the
-folder of results.
-"""
-MISSING = """
-The figures are not measured yet: `python benchmarks/run.py batch cluster` does, in some 40 minutes on an idle machine.
-"""
 
 
 def result(name: str) -> dict[str, Any]:
@@ -42,7 +29,7 @@ def result(name: str) -> dict[str, Any]:
 
 
 def figures(batch: Mapping[str, Any], cluster: Mapping[str, Any]) -> dict[str, Any]:
-    """What the page tells; times in s, sizes in bytes, of all clips together."""
+    """What the table shows; times in s, sizes in bytes, of all clips together."""
     one, two, _ = batch["throughput"]
     (dask,) = (row for row in cluster["local"] if row["way"] == "dask")
     share = dask["rate"][1]  # of the throughput of processes, the median of turns
@@ -67,70 +54,37 @@ def figures(batch: Mapping[str, Any], cluster: Mapping[str, Any]) -> dict[str, A
     }
 
 
-def page() -> str:
-    batch, cluster = result("batch"), result("cluster")
-    if not {"throughput", "sizes"} <= batch.keys() or not {"local", "handing"} <= cluster.keys():
-        return HEAD + MISSING
-    return HEAD + _told(figures(batch, cluster))
-
-
-def _told(f: Mapping[str, Any]) -> str:
-    bound = "the process that hands out" if f["handed"] > f["drawing"] else "drawing"
-    rows = [
-        ("drawing, all cores at it", time(f["drawing"]), f"{f['core']:.3g} clips a second and core"),
-        (
-            "handing out, one process",
-            time(f["handed"]),
-            f"{1000 * f['handing']:.3g} ms of CPU a clip",
-        ),
-        ("**the run takes**", f"**{time(f['wall'])}**", f"the longer of the two: {bound}"),
-        ("CPU of all cores", time(f["cpu"]), ""),
+def table_of(rows: list[dict[str, Any]]) -> list[str]:
+    """Of the rows of `batch`, and of the cluster's result."""
+    f = figures({part: found for row in rows for part, found in row.items()}, result("cluster"))
+    sizes = "; ".join(f"{name} {data(size)}" for name, size in f["sizes"].items())
+    body = [
+        ["drawing, all cores", time(f["drawing"]), f"{f['core']:.3g} clips a second and core"],
+        ["handing out, one process", time(f["handed"]), f"{1000 * f['handing']:.3g} ms of CPU a clip"],
+        ["**the run**", f"**{time(f['wall'])}**", "the longer of the two"],
+        ["CPU of all cores", time(f["cpu"]), ""],
+        ["files", data(f["bytes"]), f"four for each clip, with `--report none`: {', '.join(BY_CLIP)}"],
     ]
     if f["again"] is not None:
-        whence = "two processes compare files with their hashes"
-        rows.append(("the same command again, nothing to do", time(f["again"]), whence))
-    sizes = [(name, f"{size:,}", data(size * CLIPS)) for name, size in f["sizes"].items()]
-    held = [f"{mib:g} MiB at {clips:,} clips" for clips, mib in f["parent"]]
-    return "\n".join(
-        [
-            "",
-            "## Hours",
-            "",
-            "| | takes | from |",
-            "| --- | ---: | --- |",
-            *(f"| {what} | {took} | {whence} |" for what, took, whence in rows),
-            "",
-            "Handing out was measured with the loops of scheduler and workers in the same process: it takes less.",
-            "One process that hands out keeps some",
-            f"{f['busy']:,} cores busy with clips as short as these; clips that take ten times as long, ten times as",
-            "many cores. Beyond that, share a sweep among several runs, each with its own folder and scheduler: draws",
-            "depend on `--seed` and their number alone. Worker processes start once, in some seconds.",
-            "",
-            "## Bytes",
-            "",
-            f"A clip leaves three files in a folder of its own, and a row of `sweep.csv`: {data(f['bytes'])},",
-            f"and {4 * CLIPS:,} names for the file system, in one folder of {CLIPS:,}. `index.html` shows 20,000",
-            "clips at most, so there is none, and no pictures for it.",
-            "",
-            "| file | bytes a clip | of all |",
-            "| --- | ---: | ---: |",
-            *(f"| {' | '.join(row)} |" for row in sizes),
-            "",
-            "Reports, and pictures for a gallery, are here for comparison: no such run makes any.",
-            "",
-            "## Load",
-            "",
-            f"No more than {AHEAD} clips a worker are ahead of the oldest unfinished one, {AHEAD * CORES:,} here, so",
-            "neither the scheduler nor the process that hands out holds more than these, however many there are.",
-            *([f"Measured, with two processes: {', '.join(held)}."] if held else []),
-            f"The scheduler sees one task a clip: {CLIPS / f['wall']:.3g} a second.",
-            "",
-        ]
-    )
+        body.append(
+            ["the same command again", time(f["again"]), "two processes compare files with their hashes"]
+        )
+    return [
+        *prose(
+            "Estimated from what was measured on two cores, never run: variants of nine dominoes, 16 frames of 256 px.",
+            f"One process that hands out keeps some {f['busy']:,} cores busy with clips this short; share a larger",
+            "sweep among several runs, since draws depend on `--seed` and their number alone. At most",
+            f"{AHEAD} clips a worker are ahead of the oldest unfinished one.",
+        ),
+        "",
+        *table(["", "takes", "from"], body),
+        "",
+        *prose(f"Bytes a clip: {sizes}."),
+    ]
 
 
 def time(seconds: float) -> str:
-    """In the unit that tells it.
+    """In a suitable unit.
 
     >>> [time(s) for s in (12.34, 600, 5400, 3.6e6)]
     ['12 s', '10 min', '1.5 h', '1,000 h']
@@ -143,7 +97,7 @@ def time(seconds: float) -> str:
 
 
 def data(size: float) -> str:
-    """Bytes in the unit that tells them.
+    """Bytes in a suitable unit.
 
     >>> [data(n) for n in (950, 12_345, 2.5e9, 3e13)]
     ['950 B', '12.3 kB', '2.5 GB', '30 TB']
@@ -153,7 +107,3 @@ def data(size: float) -> str:
             return f"{size:.3g} {unit}"
         size /= 1000
     return f"{size:.3g} TB"
-
-
-if __name__ == "__main__":
-    PAGE.write_text(page())

@@ -1,6 +1,6 @@
 """Truth videos: the true motion of a scene file, photographed at its times; short clips with the push varied.
 
-The motion is physgen's own, whose agreement with closed forms docs/physics.md measures; poses are stored with the
+The motion is physgen's own, whose agreement with closed forms docs/accuracy.md measures; poses are stored with the
 frames.
 """
 

@@ -40,20 +40,18 @@ def row(pictures: list[np.ndarray]) -> np.ndarray:
     return np.hstack([np.pad(p, ((0, 4), (0, 4), (0, 0)), constant_values=255) for p in small])
 
 
-def sheet(name: str) -> tuple[np.ndarray, str]:
-    """A scene's contact sheet, and what its rows are."""
+def sheet(name: str) -> np.ndarray:
+    """A scene's contact sheet: physgen's frames, below those of its truth video where it was filmed."""
     file, told = ROOT / "scenes" / name / "scene.yaml", ROOT / "studio/truth" / name / "film/film.json"
     if not told.exists():
         times = np.linspace(0, pipeline.load(file).world.duration * 0.95, COLUMNS)
-        return row([f.rgb for f in frames(file, times)]), f"physgen's video, 0 to {times[-1]:.2f} s"
+        return row([f.rgb for f in frames(file, times)])
     film = json.loads(told.read_text())
     pick = np.unique(np.linspace(0, len(film["times_s"]) - 1, COLUMNS - 1).astype(int))
     times = np.array([0.0, *(film["times_s"][k] for k in pick)])
     ours = [f.rgb for f in frames(file, times, film["variant"])]
     true = [ours[0], *(read_image(told.parent / f"{k + 1:02}.webp") for k in pick)]
-    return np.vstack(
-        [row(true), row(ours)]
-    ), f"above the truth (Mitsuba), below physgen's video, 0 to {times[-1]:.2f} s"
+    return np.vstack([row(true), row(ours)])
 
 
 HERO, HERO_WIDE, HERO_FPS = "billiards", 640, 20
@@ -106,18 +104,16 @@ def main() -> None:
     readme()
     folder = ROOT / "docs/gallery"
     folder.mkdir(exist_ok=True)
-    split = json.loads((ROOT / "studio/split.json").read_text())
-    half = {name: key for key in ("tune", "test") for name in split[key]}
     lines = [
-        "# Gallery",
+        "# Bundled scenes",
         "",
-        "Written by `python studio/gallery.py`; do not edit. The photos are our own (studio/README.md), so that what",
-        "physgen makes of them can be compared with what is true. Each scene is a folder of [scenes](../scenes).",
+        "Written by `python studio/gallery.py`; do not edit. The photos are our own (`studio/README.md`), so that",
+        "physgen's videos can be compared with the truth (path-traced by Mitsuba, above). Each is a folder of `scenes/`.",
         "",
     ]
     photos = []
     for name in sorted(p.parent.name for p in (ROOT / "scenes").glob("*/scene.yaml")):
-        picture, rows = sheet(name)
+        picture = sheet(name)
         Image.fromarray(picture).save(folder / f"{name}.webp", "WEBP", quality=82, method=6)
         story = [
             line[2:]
@@ -126,13 +122,11 @@ def main() -> None:
         ]
         text = " ".join(line for line in story if "$schema" not in line and "studio/sets" not in line)
         lines += [
-            f"## [{name}](../scenes/{name}/scene.yaml)",
+            f"## {name}",
             "",
-            f"{text} Split: {half[name]}.",
+            text,
             "",
             f"![{name}](gallery/{name}.webp)",
-            "",
-            f"*{rows[0].upper()}{rows[1:]}.*",
             "",
         ]
         photos.append(read_image(ROOT / "scenes" / name / "photo.png"))

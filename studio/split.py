@@ -1,4 +1,4 @@
-"""The frozen split of the scenes into `tune` and `test`, and statistics of both: studio/split.json, docs/studio.md.
+"""The frozen split of the scenes into `tune` and `test`, and statistics of both: studio/split.json, studio/scenes.md.
 
     python studio/split.py        # needs no Mitsuba; refuses to change what `test` was
 
@@ -36,13 +36,13 @@ def digest(name: str) -> str:
 
 
 def page(split: dict) -> str:
-    """docs/studio.md from split.json."""
+    """studio/scenes.md from split.json."""
     half = {name: key for key in HALVES for name in split[key]}
     lines = [
         "# The studio's scenes",
         "",
-        "Written by `python studio/split.py` from `studio/split.json`; do not edit. Pictures: [gallery](gallery.md);",
-        "how they are made: [studio/README.md](../studio/README.md).",
+        "Written by `python studio/split.py` from `studio/split.json`; do not edit. Pictures: [gallery](../docs/gallery.md);",
+        "how they are made: [README](README.md).",
         "",
         "Scenes of `tune` may be looked at while choosing constants or training. Claims of accuracy are made on `test`,",
         "which is frozen by hash, and on real photographs.",
@@ -84,7 +84,7 @@ def main() -> None:
     split["scenes"] = {n: measure(ROOT / "scenes" / n, ROOT / "studio/truth" / n) for n in (*TUNE, *TEST)}
     split["means"] = halves(split, split["scenes"])
     path.write_text(json.dumps(split, indent=2) + "\n")
-    (ROOT / "docs/studio.md").write_text(page(split))
+    (ROOT / "studio/scenes.md").write_text(page(split))
     print(json.dumps(split["means"], indent=2), file=sys.stderr)
 
 

@@ -332,7 +332,7 @@ def add_clips(parser: Parser) -> None:
     parser.option("--format", "LIST", among(FORMATS), "any of mp4,gif,webp,png; default: mp4", ["mp4"])
     about = (
         "simulate N draws of the values that `from` marks as uncertain, and report which outcomes the photo decides; "
-        "see docs/fan.md"
+        "see docs/rendering.md"
     )
     parser.option("--fan", "N", draws, about, 0)
     parser.option("--fan-seed", "S", seed, "seed of the draws; default: 0", 0)

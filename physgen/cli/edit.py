@@ -108,7 +108,7 @@ def add(parser: Parser) -> None:
 
 EDIT = Command(
     "edit",
-    "Opens a scene or a photo in the browser: push objects and watch; see docs/editing.md.",
+    "Opens a scene or a photo in the browser: push objects and watch; see docs/editor.md.",
     "physgen edit scene.yaml",
     add,
     edit,

@@ -430,7 +430,7 @@ def run_leaderboard(options: argparse.Namespace) -> int:
 MEASURES = (
     Command(
         "fidelity",
-        "Frames against the studio's truth videos; ends with 1 below the bar in docs/fidelity.md.",
+        "Frames against the studio's truth videos; ends with 1 below the bar in docs/evaluation.md.",
         "fidelity --scenes curling,shelf",
         add_fidelity,
         run_fidelity,
@@ -451,7 +451,7 @@ MEASURES = (
     ),
     Command(
         "fid",
-        "Frames and motion of clips against a reference's: Image-FID and Motion-FID; see docs/fid.md.",
+        "Frames and motion of clips against a reference's: Image-FID and Motion-FID; see docs/evaluation.md.",
         "fid out/mine --reference filmed --inception inception-2015-12-05.pt -o out/fid",
         add_fid,
         run_fid,

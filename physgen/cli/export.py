@@ -43,7 +43,7 @@ NAMES = (
 
 def add(parser: Parser) -> None:
     parser.add_argument("scenes", metavar="SCENE", nargs="+")
-    about = f"any of {','.join(NAMES)}; see docs/ground-truth.md"
+    about = f"any of {','.join(NAMES)}; see docs/labels.md"
     parser.option("--format", "LIST", labels, about, required=True)
     parser.option("-o --output", "DIR", str, "default: labels", "labels")
     parser.option("--jobs", "N", count, "scenes at a time; default: 1", 1)

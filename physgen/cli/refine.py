@@ -105,7 +105,7 @@ def add(parser: Parser) -> None:
 
 REFINE = Command(
     "refine",
-    "Refines a video by a diffusion model, given masks of its objects; see docs/refinement.md.",
+    "Refines a video by a diffusion model, given masks of its objects; see docs/models.md.",
     "physgen refine clip.mp4 --masks masks -o clip.refined.mp4",
     add,
     refine,

@@ -1,1 +1,1 @@
-"""The editor of scene files in the browser; see docs/editing.md."""
+"""The editor of scene files in the browser; see docs/editor.md."""

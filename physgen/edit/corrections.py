@@ -92,7 +92,7 @@ class Painted:
 def correct(
     live: Live, text: str, op: Mapping[str, Any], segmenter: PromptSegmenter | None = None
 ) -> Corrected:
-    """One operation on masks; see docs/editing.md. Where maps change, the new text names a new folder for all of them.
+    """One operation on masks; see docs/editor.md. Where maps change, the new text names a new folder for all of them.
 
     Unchanged maps are linked. Raises EditError where it is impossible; then nothing is left behind.
     """

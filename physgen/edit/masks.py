@@ -109,7 +109,7 @@ def parse_op(op: Mapping[str, Any]) -> MaskOp:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"][1:])
         message = f"{where}: {first['msg']}" if where else f"a mask operation is not known: {first['msg']}"
-        raise impossible(message[:300], "see docs/editing.md") from None
+        raise impossible(message[:300], "see docs/editor.md") from None
 
 
 def make(work: Correction, op: MaskOp, finder: PromptSegmenter) -> str:

@@ -485,7 +485,7 @@ def _sentences(found: Measured, heads: Mapping[str, str]) -> Iterator[str]:
     if not found.features.comparable:
         yield (
             f"NOT comparable with published FIDs: these are distances of {found.features.name}, colours and edges in "
-            "fields of the picture. Name the Inception file with --inception for those; see docs/fid.md."
+            "fields of the picture. Name the Inception file with --inception for those; see docs/evaluation.md."
         )
 
 

@@ -114,7 +114,7 @@ class Answer:
 
 def read_table(path: Path) -> Objects:
     """A table in YAML. Raises InputError."""
-    fix = "name a table as docs/properties.md describes it"
+    fix = "name a table as docs/evaluation.md describes it"
     try:
         data: Any = plain(read(decode(path.read_bytes(), str(path)), Source(str(path), path.parent)))
         objects = tuple(_item(name, **row) for name, row in data["objects"].items())

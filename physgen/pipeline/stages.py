@@ -105,7 +105,7 @@ def fan(
     variant: str | None = None,
     progress: Progress = silent,
 ) -> Ensemble:
-    """The scene simulated `count` times, uncertain values drawn anew each time; see docs/fan.md.
+    """The scene simulated `count` times, uncertain values drawn anew each time; see docs/rendering.md.
 
     `variant` is the one that was applied to the scene: the values that it sets are certain.
     """

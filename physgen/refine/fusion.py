@@ -16,7 +16,7 @@ Line 4 is printed `t <= T - delta` with t counting down, which would leave the *
 code leave the *last* delta steps free, and so do we: objects are laid down in much noise, and the model then
 settles borders and light. Lines 2 and 5 draw fresh noise in every step. Blends of independent noises have less noise
 than the model expects (half its variance at w = 1/2), and objects lose texture; `noised` is therefore to add the same
-noise every time. docs/refinement.md has the figures.
+noise every time. docs/models.md has the figures.
 
 A frame is the guidance plus what the model changed of it, D(z) - D(z~0): the decoder loses fine texture even where the
 model changes nothing.

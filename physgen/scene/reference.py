@@ -43,7 +43,7 @@ def markdown() -> str:
     template = Template(resource("templates", "scene-reference.md").read_text(encoding="utf-8"))
     return template.substitute(
         example=EXAMPLE,
-        sections="\n".join("\n".join(_section(path, part)) + "\n" for path, part in _mappings(schema, "")),
+        sections="\n".join("\n".join(_section(path, part)) + "\n" for path, part in _distinct(schema)),
         rivals=listed(dict.fromkeys("/".join(f"`{key}`" for key in group) for group in groups)),
         extends=MAX_EXTENDS,
         bytes=MAX_BYTES // 2**20,
@@ -70,6 +70,15 @@ def _mappings(schema: Schema, path: str) -> Iterator[tuple[str, Schema]]:
         yield from _mappings(schema["items"], f"{path}[]")
 
 
+def _distinct(schema: Schema) -> Iterator[tuple[str, Schema]]:
+    """Mappings without those that an earlier one is equal to."""
+    seen: list[Schema] = []
+    for path, part in _mappings(schema, ""):
+        if part not in seen:
+            seen.append(part)
+            yield path, part
+
+
 def _section(path: str, schema: Schema) -> Iterator[str]:
     yield f"## {f'`{path}`' if path else 'The keys of a scene'}"
     yield ""
@@ -78,12 +87,12 @@ def _section(path: str, schema: Schema) -> Iterator[str]:
     yield "| key | value | unit | default | meaning |"
     yield "|---|---|---|---|---|"
     for key, part in schema["properties"].items():
-        default = f"`{example(part['default'])}`" if part.get("default", {}) != {} else "-"
+        default = f"`{example(part['default'])}`" if part.get("default", {}) != {} else ""
         if key in schema.get("required", []):
             default = "required"
         value = _value(part)
         meaning = f"{part['description']} E.g. `{example(part['examples'][0])}`.".replace("|", "\\|")
-        yield f"| `{key}` | {value} | {part.get('x-unit', '-')} | {default} | {meaning} |"
+        yield f"| `{key}` | {value} | {part.get('x-unit', '')} | {default} | {meaning} |"
 
 
 def _value(part: Schema) -> str:

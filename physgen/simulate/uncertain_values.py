@@ -1,8 +1,8 @@
 """Uncertain values of a scene: their distributions and random draws.
 
 The value of the file is the median. One standard deviation is a power of 1 / confidence: as a factor of masses and
-coefficients of friction, as a factor of the odds e / (1 - e) of elasticities; docs/fan.md says why. What a person set
-is certain. A draw depends on the seed, the path of the value and the number of the draw only, so that the k-th draw is
+coefficients of friction, as a factor of the odds e / (1 - e) of elasticities (docs/rendering.md). What a person set is
+certain. A draw depends on the seed, the path of the value and the number of the draw only, so that the k-th draw is
 the same for 8 and for 800 draws, and objects keep their draws when others are added or removed.
 """
 

@@ -94,7 +94,7 @@ class Ensemble:
         return [k for k, outcome in enumerate(self.outcomes) if outcome is not None]
 
     def table(self) -> str:
-        """CSV with a line per draw: the drawn values, then the outcome of each body; docs/fan.md has the columns."""
+        """CSV with a line per draw: the drawn values, then the outcome of each body; see docs/rendering.md."""
         text = io.StringIO()
         rows = csv.writer(text, lineterminator="\n")
         outcomes = [f"{name}.{column}" for name in self.names for column in COLUMNS]

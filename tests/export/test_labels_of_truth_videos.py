@@ -18,7 +18,7 @@ BALLS = ("billiards", "curling")
 
 @pytest.mark.parametrize("name", ["billiards", "curling", "shelf"])
 def test_labels_are_what_a_path_tracer_sees(name: str, tmp_path: Path) -> None:
-    """The bounds are those that docs/ground-truth.md states."""
+    """The bounds are those that docs/labels.md states."""
     (truth,) = truths(TRUTH, [name])
     row = compared(truth, tmp_path)
     assert row.differ < 0.002

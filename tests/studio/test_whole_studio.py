@@ -85,4 +85,4 @@ def test_the_repository_stays_small() -> None:
 
 
 def test_the_page_is_what_the_split_says() -> None:
-    assert (ROOT / "docs/studio.md").read_text() == page(SPLIT)
+    assert (ROOT / "studio/scenes.md").read_text() == page(SPLIT)
