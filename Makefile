@@ -14,8 +14,7 @@ demo: .venv/.demo
 	mkdir -p $(OUT)/perceived
 	$(BIN)/physgen perceive scenes/billiards/photo.png -o $(OUT)/perceived/billiards-perceived.yaml
 	$(BIN)/physgen perceive scenes/dominoes/photo.png -o $(OUT)/perceived/dominoes-perceived.yaml
-	$(BIN)/physgen render $(OUT)/perceived/billiards-perceived.yaml -o $(OUT) --set "objects.ball-1.velocity=[4200,-356]"
-	$(BIN)/physgen render $(OUT)/perceived/dominoes-perceived.yaml -o $(OUT) --set world.pixels_per_meter=1000 --set "forces=[{object: block-1, impulse: [1200, 0], at: [160, 262]}]"
+	$(BIN)/physgen render $(OUT)/perceived/*.yaml -o $(OUT) --jobs 2
 	$(BIN)/physgen render scenes/*/scene.yaml -o $(OUT) --jobs 2
 	@echo
 	@echo "gallery: $(CURDIR)/$(OUT)/index.html"
@@ -55,7 +54,7 @@ train: .venv/.studio
 	@touch $@
 
 .venv/.demo: .venv/.python pyproject.toml
-	$(BIN)/python -m pip install --quiet --editable .
+	$(BIN)/python -m pip install --quiet --editable ".[edit]"
 	@touch $@
 
 # torch first and by itself. PyPI's for Linux brings CUDA along, some GB: without a GPU,

@@ -33,8 +33,32 @@ def jobs_of(options: argparse.Namespace) -> Iterator[Job]:
     make = job_maker(options)
     for path in options.scenes:
         for variant in variants_of(path, options):
-            preview = preview_edits(path, variant, options, ()) if options.preview else ()
-            yield make(path, variant, preview=preview)
+            edits = _motion_edits(path, variant, options)
+            preview = preview_edits(path, variant, options, edits) if options.preview else ()
+            yield make(path, variant, edits, preview=preview)
+
+
+def _motion_edits(path: str, variant: str | None, options: argparse.Namespace) -> tuple[str, ...]:
+    """Edits by --push, --drop and --kick; how to keep them is printed. Raises InputError."""
+    if not (options.push or options.drop or options.kick):
+        return ()
+    from physgen import pipeline
+    from physgen.pipeline.pushes import motion_edits
+    from physgen.scene.write import flow_text
+
+    scene = _opened(path, options.allow_outside).scene(options.set, variant)
+    compiled = pipeline.compile(scene, pipeline.percepts(scene))
+    edits = motion_edits(scene, compiled, options.push, options.drop, options.kick)
+    print_error(f"{path}: to keep this motion, write")
+    section: tuple[str, ...] = ()
+    for key, value in sorted(edits.items(), reverse=True):
+        *above, last = key.split(".")
+        for depth, part in enumerate(above):
+            if section[: depth + 1] != tuple(above[: depth + 1]):
+                print_error(f"  {'  ' * depth}{part}:")
+        section = tuple(above)
+        print_error(f"  {'  ' * len(above)}{last}: {flow_text(value, (last,))}")
+    return tuple(f"{key}={flow_text(value, ())}" for key, value in edits.items())
 
 
 def preview_edits(

@@ -51,6 +51,7 @@ def perceive(options: argparse.Namespace) -> int:
             "side": options.side,
             "labels": options.label,
             "asked": options.find,
+            "still": options.still,
         }
         text = pipeline.perceive(options.image[0], options.output, inform=print_error, **settings)
     bar.clear()
@@ -87,7 +88,7 @@ def _perceive_many(options: argparse.Namespace) -> int:
 
         try:
             pipeline.perceive(
-                image, output, crew=crew, asked=options.find, side=options.side,
+                image, output, crew=crew, asked=options.find, side=options.side, still=options.still,
                 progress=step, warn=print_problem, keep=print_backup, inform=print_error,
             )  # fmt: skip
             write_result("", output)
@@ -204,6 +205,7 @@ def add_perceive(parser: Parser) -> None:
     about = "longest side of the scene's photo, px; default: at most 1600"
     parser.option("--side", "PX", whole(16, 100_000), about)
     parser.option("--assets", "DIR", Path, "folder for the maps")
+    parser.flag("--still", "leave out the push that sets the scene in motion")
     about = 'what to look for, for backends that find what they are asked for: "ball, wooden block"'
     parser.option("--find", "NOUN,...", names, about, [])
     add_backends(parser)

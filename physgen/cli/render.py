@@ -17,6 +17,14 @@ def render(options: argparse.Namespace) -> int:
 def add(parser: Parser) -> None:
     parser.add_argument("scenes", metavar="SCENE", nargs="+", help="a file or a pack")
     parser.option("-o --output", "DIR", str, "folder of the results; default: out", "out")
+    about = (
+        "push an object: ball-1=right, ball-1=up-left, ball-1=30@2 m/s (degrees, 90 is down); may be repeated"
+    )
+    parser.option("--push", "NAME=WAY", str, about, [], action="append")
+    about = "lift an object by its own height and let it fall; may be repeated"
+    parser.option("--drop", "NAME", str, about, [], action="append")
+    about = "strike what is at a point of the photo, from that side; X,Y@SPEED says how hard; may be repeated"
+    parser.option("--kick", "X,Y", str, about, [], action="append")
     add_clips(parser)
     add_overlays(parser)
 
@@ -24,7 +32,7 @@ def add(parser: Parser) -> None:
 RENDER = Command(
     "render",
     "Renders scenes to videos, reports and manifests.",
-    "physgen render scene.yaml -o out --format mp4,gif",
+    "physgen render scene.yaml --push ball-1=right --format mp4,gif",
     add,
     render,
     mixed=True,

@@ -17,7 +17,7 @@ from physgen.maps import Percepts
 from physgen.perceive import document
 from physgen.perceive.refresh import perceived_keys, rewritten, without_edited
 from physgen.perceive.roles import BoundaryGuess, Detections, Name, PhotoObject
-from physgen.perceive.scale import DEFAULT_SCALE
+from physgen.perceive.scale import is_assumed
 from physgen.problems import InputError
 from physgen.scene.scene import Scene
 
@@ -116,7 +116,8 @@ def photo_object(id_: int, outline: Outline, label: str, size: tuple[int, int]) 
 def new_entry(work: Correction, labels: U16, one: PhotoObject, name: str, label: Name | None) -> Data:
     """The entry of a new object as perception writes it; `label` None: a user named it, with `one.label`."""
     stated = work.scene.world.pixels_per_meter
-    matter = registry.make("physics")(work.maps.rgb, [one], None if stated == DEFAULT_SCALE else stated)
+    scale = None if is_assumed(stated, max(work.scene.size)) else stated
+    matter = registry.make("physics")(work.maps.rgb, [one], scale)
     made, _ = document.object_entries(
         Detections(labels, "drawn", {}, {}),
         [one],

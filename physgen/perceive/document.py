@@ -44,8 +44,6 @@ GENERIC = ("object", "thing")
 """Labels without meaning."""
 DOUBTFUL = "perhaps objects, too: to have one, take the # and the space behind it away"
 """Above regions that are too doubtful to be objects."""
-GRAVITY = 9.8
-"""m/s², of a scene without its own."""
 RECORD = "perceived.json"
 """Which backend did each step of perceiving, how long it took and what it cost."""
 SCHEMA = "scene-1.schema.json"
@@ -191,7 +189,9 @@ def object_entries(
             sources["rolling"] = sources["friction"]
         if its.surface:
             comments[f"{at}.friction"] = its.surface
-        if item.cut or held:
+        if not (item.cut or held):
+            one["velocity"] = [0, 0]
+        else:
             why = (
                 "cut off by the photo's border" if item.cut else "nothing that is seen keeps it from falling"
             )
@@ -340,35 +340,6 @@ def scene_comments(
     return comments | {f"boundaries.{wall.name}": wall.reason for wall in boundaries.walls}
 
 
-def push_comment(
-    found: Detections,
-    boundaries: BoundaryGuess,
-    objects: Sequence[PhotoObject],
-    called: Mapping[int, str],
-    matter: Mapping[int, Matter],
-    pixels_per_meter: float,
-) -> str:
-    """A force to try: a sure object far from the others, pushed towards them as fast as it would fall its size."""
-    loose = [t for t in objects if not t.cut and t.id not in boundaries.held] or list(objects)
-    sure = {t.id: found.confidence.get(t.id, 1.0) for t in loose}
-    movable = [t for t in loose if sure[t.id] >= 0.8 * max(sure.values())]
-    centers = np.array([mass_properties(t.outline).center for t in movable])
-    away = centers - centers.mean(0)
-    if boundaries.view is View.SIDE:
-        away[:, 1] = 0
-    k = int(np.argmax((away**2).sum(1)))
-    length = float(np.hypot(*away[k]))
-    towards = -away[k] / length if length > 1 else np.array([1.0, 0.0])
-    size = mass_properties(movable[k].outline).area ** 0.5
-    speed = float(f"{(2 * GRAVITY * pixels_per_meter * size) ** 0.5:.1g}")
-    impulse = matter[movable[k].id].mass * speed
-    x, y = (float(f"{impulse * c:.2g}") if abs(c) > 0.01 else 0.0 for c in towards)
-    return (
-        f"to set an object going, replace [] by a list such as (impulse in g px/s, here {speed:g} px/s):\n"
-        f"  - {{object: {called[movable[k].id]}, impulse: [{x:g}, {y:g}]}}"
-    )
-
-
 def hides_comment(names: Sequence[str]) -> str:
     """A comment on the layer of an object that hides others.
 
@@ -458,7 +429,7 @@ def write_scene(
 def perceived_values(document: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """Object name -> the values that its `from` names: a refresh takes any other value for the user's."""
     return {
-        name: {key: item[key] for key in item.get("from", {}) if key in item}
+        name: {key: item[key] for key in (*item.get("from", {}), "velocity") if key in item}
         for name, item in document["objects"].items()
     }
 

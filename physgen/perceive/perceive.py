@@ -38,7 +38,15 @@ from physgen.perceive.roles import (
     Shadows,
     Suitability,
 )
-from physgen.perceive.scale import MIN_SCALE_CONFIDENCE, Scale, judged_scale, photo_scale, scale_entry
+from physgen.perceive.scale import (
+    MIN_SCALE_CONFIDENCE,
+    Scale,
+    assumed_scale,
+    judged_scale,
+    photo_scale,
+    playback,
+    scale_entry,
+)
 from physgen.perceive.segment.prompts import Segmenter
 from physgen.perceive.shadow.shadow_removal import refill_background
 from physgen.perceive.support.viewpoint import judge_suitability
@@ -129,7 +137,8 @@ def perceive(
     entries, comments = document.object_entries(
         found, objects, called, matter, boundaries, names.labels, names.sources, run.crew.name("physics")
     )
-    per_meter, comments["world.pixels_per_meter"] = scale_entry(pixels_per_meter, scale)
+    side = max(rgb.shape[:2])
+    per_meter, comments["world.pixels_per_meter"] = scale_entry(side, pixels_per_meter, scale)
     scene: dict[str, Any] = {
         "physgen": 1,
         "image": "photo.png",
@@ -137,11 +146,15 @@ def perceive(
         "world": _world(boundaries, per_meter, shadows),
         "objects": entries,
         "boundaries": {w.name: document.wall_entry(w) for w in boundaries.walls},
-        "forces": [],
         "light": _light(light, shadows),
     }
+    scene["world"]["duration"], slow = playback(side, per_meter)
+    if slow > 1:
+        scene["render"] = {"slow": slow}
+        comments["render"] = (
+            f"plays {slow} times as slowly as it happens: so small a place is crossed in no time"
+        )
     comments |= document.scene_comments(found, objects, specks, boundaries, light, shadows)
-    comments["forces"] = document.push_comment(found, boundaries, objects, called, matter, per_meter)
     unknown = (document.unknown_label(t.label) for t in objects if t.id in names.renamed)
     warnings = tuple(dict.fromkeys(problem for problem in unknown if problem))
     suits = judge_suitability(rgb, found, objects, names.labels, boundaries)
@@ -271,8 +284,10 @@ def _empty_scene(rgb: Rgb, found: Detections, pixels_per_meter: float | None) ->
     """A scene without objects: the photo as it is."""
     scene: dict[str, Any] = {
         "physgen": 1, "image": "photo.png", "assets": "photo.assets",
-        "world": {"view": View.SIDE.value, "pixels_per_meter": pixels_per_meter or 100, "duration": 2.0},
-        "objects": {}, "boundaries": {}, "forces": [],
+        "world": {
+            "view": View.SIDE.value, "pixels_per_meter": pixels_per_meter or assumed_scale(max(rgb.shape[:2])),
+        },
+        "objects": {}, "boundaries": {},
     }  # fmt: skip
     comments = {"objects": f"no region of the photo looks like a whole object that could be moved; {POINT}"}
     if found.doubtful:
@@ -306,7 +321,7 @@ def _world(boundaries: BoundaryGuess, pixels_per_meter: float, shadows: Shadows)
     world: dict[str, Any] = {"view": boundaries.view.value, "pixels_per_meter": pixels_per_meter}
     if boundaries.view is View.TOP:
         world["table"] = {"friction": 0}
-    return world | {"duration": 2.0} | document.view_entry(shadows, boundaries.view is View.SIDE)
+    return world | document.view_entry(shadows, boundaries.view is View.SIDE)
 
 
 def _light(guess: LightGuess, shadows: Shadows) -> dict[str, Any]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from physgen.materials import kind
 from physgen.perceive.roles import Detections, Labels, Name, PhotoObject, Rgb
-from physgen.perceive.scale import DEFAULT_SCALE, MIN_SCALE_CONFIDENCE, photo_scale
+from physgen.perceive.scale import MIN_SCALE_CONFIDENCE, PAPER_SCALE, is_assumed, photo_scale
 from physgen.perceive.segment.prompts import Box, Point, Segmenter, from_prompts
 from physgen.scene.scene import BoxPrompt, MaskId, Object
 
@@ -120,17 +120,28 @@ def _label_confidence(item: Object) -> float:
     return float(text) if re.fullmatch(r"[01]?\.?\d+", text) else 1.0
 
 
-def follows_scale(scene: Entry, objects: Sequence[PhotoObject], names: Mapping[int, Name]) -> bool:
+def follows_scale(
+    scene: Entry,
+    values: Mapping[str, Entry],
+    objects: Sequence[PhotoObject],
+    names: Mapping[int, Name],
+    side: int,
+) -> bool:
     """Whether the scene's scale is perception's, and no number in the scene was made for it.
 
-    `objects` and `names` have the labels of the file.
+    `values` are those that perception wrote, by object; `objects` and `names` have the labels of the file; `side` is
+    the photo's longer side, px.
     """
     moving = ("velocity", "spin", "roll", "density")
     chosen = any(scene.get(key) for key in SCALED_SECTIONS) or "gravity" in scene.get("world", {})
-    if chosen or any(key in was for was in scene["objects"].values() for key in moving):
+    if chosen or any(
+        key in was and not _same(was[key], values.get(name, {}).get(key, [0, 0]))
+        for name, was in scene["objects"].items()
+        for key in moving
+    ):
         return False
-    stated = float(scene.get("world", {}).get("pixels_per_meter", DEFAULT_SCALE))
-    if stated == DEFAULT_SCALE:
+    stated = float(scene.get("world", {}).get("pixels_per_meter", PAPER_SCALE))
+    if is_assumed(stated, side):
         return True
     kinds = {item.id: kind(item.label) for item in objects}
     for confidence in (None, {i: name.confidence for i, name in names.items() if name.confidence < 1}):
@@ -193,7 +204,7 @@ def merge_documents(
             objects[name] |= {"label": renamed[name]} | ({"from": sources} if "from" in was else {})
     objects |= {name: now for name, now in new["objects"].items() if name not in old["objects"]}
     world, seen = dict(old.get("world", {})), new["world"]
-    if scaled and seen["pixels_per_meter"] != world.get("pixels_per_meter", DEFAULT_SCALE):
+    if scaled and seen["pixels_per_meter"] != world.get("pixels_per_meter", PAPER_SCALE):
         world["pixels_per_meter"] = seen["pixels_per_meter"]
     if "table" not in seen and world.get("table") == GLIDING:  # seen from the side now
         del world["table"]

@@ -15,7 +15,7 @@ from physgen.geometry.raster import coverage
 from physgen.materials import Kind
 from physgen.perceive.roles import Matter, PhotoObject
 
-DEFAULT_SCALE = 100  # px/m where the photo shows no scale: the paper's 1 px = 1 cm
+PAPER_SCALE = 100  # px/m: the paper's 1 px = 1 cm, of scene files that name no scale
 MIN_SCALE_CONFIDENCE = 0.5  # from which a scene takes the scale
 
 
@@ -256,21 +256,55 @@ def judged_scale(objects: Sequence[PhotoObject], matter: Mapping[int, Matter], s
     return Scale(float(f"{exp(middle):.2g}"), confidence, reason)
 
 
-def scale_entry(given: float | None, found: Scale | None) -> tuple[float, str]:
+@dataclass(frozen=True)
+class _Playback:
+    """The photo's assumed size, and how a push and a clip suit it."""
+
+    width: float = 0.5
+    """m along the longer side of a photo that shows no scale: a table top seen from near by."""
+    gravity: float = 9.8
+    """m/s²."""
+    fall: float = 0.15
+    """Of the photo's longer side: a fall over it gives the speed of a push."""
+    crossing: float = 1.5
+    """s of the video in which a push crosses the photo, about."""
+    length: float = 2.0
+    """Duration, in crossings: time to see what the push leads to."""
+
+
+PLAYBACK = _Playback()
+
+
+def assumed_scale(side: int) -> float:
+    """px/m of a photo that shows no scale; `side` is its longer side, px."""
+    return side / PLAYBACK.width
+
+
+def is_assumed(pixels_per_meter: float, side: int) -> bool:
+    """Whether a scene's scale is what perception assumes, today or as the paper does, and none that is known."""
+    return pixels_per_meter in (PAPER_SCALE, assumed_scale(side))
+
+
+def scale_entry(side: int, given: float | None, found: Scale | None) -> tuple[float, str]:
     """px/m for the scene, and its comment; the user's number wins, then a scale that is sure enough."""
-    follows = "masses and gravity (9.8 m/s² x this) follow from it"
     if given is not None:
-        return given, f"as given; {follows}"
+        return given, "as given"
     if found is not None and found.confidence >= MIN_SCALE_CONFIDENCE:
-        return found.pixels_per_meter, f"{found.reason} (confidence {found.confidence:g});\n{follows}"
-    sentence = (
-        "1 px = 1 cm, as in the paper: objects look large and fall slowly; masses do not follow from it.\n"
-        "A larger number makes objects fall faster: gravity is 9.8 m/s² x this"
-    )
-    if found is None:
-        return DEFAULT_SCALE, sentence
-    guess = f"{found.pixels_per_meter:g}, {found.reason}, is unsure (confidence {found.confidence:g})"
-    return DEFAULT_SCALE, f"{sentence}.\n{guess}"
+        return found.pixels_per_meter, f"{found.reason} (confidence {found.confidence:g})"
+    guess = "" if found is None else f"; perhaps {found.pixels_per_meter:g}, {found.reason}"
+    return assumed_scale(side), f"assumed: the photo shows {PLAYBACK.width:g} m{guess}"
+
+
+def push_speed(side: int, pixels_per_meter: float) -> float:
+    """px/s to two digits: a speed at which objects of a photo of this longer side, px, slide and topple visibly."""
+    return float(f"{sqrt(2 * PLAYBACK.gravity * pixels_per_meter * PLAYBACK.fall * side):.2g}")
+
+
+def playback(side: int, pixels_per_meter: float) -> tuple[float, int]:
+    """Duration, s, and `render.slow` (1, 2, 4 ...) at which a push can be watched."""
+    crossing = side / push_speed(side, pixels_per_meter)
+    slow = 2 ** max(0, round(log(PLAYBACK.crossing / crossing, 2)))
+    return float(f"{PLAYBACK.length * crossing:.2g}"), slow
 
 
 def _weighted_median(values: Array, weights: Array) -> float:

@@ -22,6 +22,7 @@ from physgen.pipeline.refining import Refiners, guidance_footage, refine_footage
 from physgen.pipeline.stages import Film, Keep, Stages, fan, lint, render
 from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
 from physgen.progress import Progress, silent
+from physgen.scene.scene import Motion
 
 if TYPE_CHECKING:
     from physgen.compile.world import World
@@ -181,6 +182,8 @@ U8 = NDArray[np.uint8]
 
 TABLE = "fan.csv"
 """Table of all draws, in a clip's folder."""
+UNMOVED = 1.0
+"""px: a displacement of a point of an object that nobody sees."""
 UNBALANCED = 0.03
 """Share of the energy that flows which may be unaccounted for before the user is warned."""
 
@@ -301,6 +304,14 @@ class _Run:
     def analyse(self, trajectory: Trajectory) -> Draws | None:
         """Check the energy balance; draw uncertain values where the options say so."""
         scene, record, options, world = self.scene, self.record, self.options, self.film.compiled.world
+        reach = np.array([body.reach for body in world.bodies])[:, None]
+        moved = np.ptp(trajectory.poses, axis=0) * np.concatenate([np.ones((len(reach), 2)), reach], 1)
+        if moved.max(initial=0.0) < UNMOVED:
+            name = next((body.name for body in world.bodies if body.motion is Motion.DYNAMIC), "NAME")
+            fix = f"try --push {name}=right, or write a velocity, a force or motion: dynamic"
+            self.warn(
+                Problem(scene.place("objects"), "", "", "nothing moves in this clip", fix, Severity.WARNING)
+            )
         record.samples, record.effort = trajectory.sample_hashes(), asdict(trajectory.effort)
         # a body's fall by a pixel is the least that counts: at rest, no energy flows
         weight = sum(body.mass for body in world.bodies) * float(np.hypot(*world.gravity))

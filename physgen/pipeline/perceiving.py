@@ -36,6 +36,8 @@ class PerceiveOptions:
     """Folder of the maps."""
     side: int | None = None
     """px: longest side of the photo, made smaller above; None: the default."""
+    still: bool = False
+    """Whether the push that sets the scene in motion is left out."""
     allow_outside: bool = False
     """Whether a scene that is perceived again may read files outside its folder."""
 
@@ -104,8 +106,44 @@ def perceive(
     perceived = run(rgb, found, renames=options.labels, crew=crew, asked=options.asked, progress=progress)
     for problem in perceived.warnings:
         warn(problem)
+    if not options.still:
+        progress("push", 0, 1)
+        perceived = _pushed(perceived)
     inform(f"{image}: suitability: {perceived.suitability}")
     return write_scene(perceived, image if as_it_is else None, image.stem, output, options.assets, keep)
+
+
+def _pushed(perceived: PerceivedScene) -> PerceivedScene:
+    """The scene with the push that shows most, which is tried in a copy without maps."""
+    from physgen.compile.shapes import shapes_of
+    from physgen.pipeline.pushes import default_push
+    from physgen.scene.load import Opened
+    from physgen.scene.write import scene_text
+
+    document = perceived.document
+    height, width = perceived.percepts.labels.shape
+    kept = ("shape", "solid", "mass", "friction", "elasticity", "rolling", "motion")
+    bare = {key: document[key] for key in ("physgen", "world", "boundaries")} | {
+        "size": [width, height],
+        "objects": {
+            name: {key: item[key] for key in kept if key in item}
+            for name, item in document["objects"].items()
+        },
+    }
+    sure = {
+        name: float(item["from"]["mask"].rpartition(" ")[2]) for name, item in document["objects"].items()
+    }
+    try:
+        scene = Opened("scene.yaml", text=scene_text(bare)).scene()
+        push = default_push(scene, shapes_of(scene, None), sure)
+    except InputError:  # as it is reported when the scene is rendered
+        return perceived
+    if push is None:
+        return perceived
+    item = document["objects"][push.name] | {"velocity": list(push.velocity)}
+    document = document | {"objects": document["objects"] | {push.name: item}}
+    comments = perceived.comments | {f"objects.{push.name}.velocity": push.comment}
+    return replace(perceived, document=document, comments=comments)
 
 
 def _unused_choices(crew: Backends, options: PerceiveOptions) -> list[Problem]:
@@ -172,7 +210,7 @@ def refresh(
         without_edited,
     )
     from physgen.perceive.roles import Name
-    from physgen.perceive.scale import DEFAULT_SCALE
+    from physgen.perceive.scale import is_assumed
     from physgen.perceive.segment.prompts import Segmenter, weak_prompts
     from physgen.photos import read_photo
     from physgen.registry import Backends
@@ -196,13 +234,15 @@ def refresh(
         expected = "is part of what was pointed at and has gone"
         fix = "leave the box or point out if it should stay"
         warn(Problem(Place(str(path)), f"objects.{name}", "", expected, fix, Severity.WARNING))
-    old = without_edited(raw_document(path, options.allow_outside), written_values(scene.assets))
+    values = written_values(scene.assets)
+    old = without_edited(raw_document(path, options.allow_outside), values)
     objects = fit_objects(photo.rgb, begun.found)[0]
     called = {i: name for i, name in begun.found.object_names.items() if name in old["objects"]}
     named, renamed = relabel_objects(objects, options.labels, called)
     labels = begun.found.names
     before = [replace(item, label=labels[item.id].label) for item in objects if item.id in labels]
-    scaled = follows_scale(old, before, labels)
+    side = max(scene.size)
+    scaled = follows_scale(old, values, before, labels, side)
     labels = {**labels, **{item.id: Name(item.label, 1.0) for item in named if item.id in renamed}}
     layers = user_layers(old)
     layer_of = {i: layers[name] for i, name in called.items() if name in layers}
@@ -212,7 +252,7 @@ def refresh(
         replace(begun.found, names=labels, layers=layer_of),
         crew=crew,
         view=scene.world.view,
-        pixels_per_meter=None if scaled or per_meter == DEFAULT_SCALE else per_meter,
+        pixels_per_meter=None if scaled or is_assumed(per_meter, side) else per_meter,
         progress=progress,
     )
     new_labels = {called[item.id]: item.label for item in named if item.id in renamed}

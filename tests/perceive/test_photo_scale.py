@@ -8,7 +8,15 @@ import pytest
 from physgen.geometry.polygon import Disc, Outline, Region, Ring
 from physgen.materials import kind
 from physgen.perceive.roles import PhotoObject
-from physgen.perceive.scale import DEFAULT_SCALE, MIN_SCALE_CONFIDENCE, Scale, photo_scale, scale_entry
+from physgen.perceive.scale import (
+    MIN_SCALE_CONFIDENCE,
+    Scale,
+    assumed_scale,
+    photo_scale,
+    playback,
+    push_speed,
+    scale_entry,
+)
 
 
 def told(*things: tuple[str, Outline], cut: bool = False, sure: float = 1.0) -> Scale | None:
@@ -59,9 +67,22 @@ def test_agreement_makes_it_surer_and_disagreement_less_sure():
 
 def test_a_person_s_number_wins_and_an_unsure_one_is_only_mentioned():
     sure, unsure = Scale(700, 0.9, "from balls"), Scale(640, 0.3, "from a bottle")
-    assert scale_entry(500, sure)[0] == 500
-    assert scale_entry(None, sure)[0] == 700
-    value, sentence = scale_entry(None, unsure)
-    assert value == DEFAULT_SCALE
+    assert scale_entry(512, 500, sure)[0] == 500
+    assert scale_entry(512, None, sure)[0] == 700
+    value, sentence = scale_entry(512, None, unsure)
+    assert value == assumed_scale(512) == 1024
     assert "640" in sentence
-    assert scale_entry(None, None)[0] == DEFAULT_SCALE
+    assert scale_entry(512, None, None)[0] == 1024
+
+
+@pytest.mark.parametrize("meters", [0.1, 0.5, 2.0, 30.0])
+def test_a_push_can_be_watched_at_any_scale(meters):
+    """Speeds and times go with the root of a length, as for ships and their models (Froude)."""
+    side = 800
+    speed, small = (push_speed(side, side / size) / side * size for size in (meters, meters / 4))
+    assert speed == pytest.approx(2 * small, rel=0.1)
+    duration, slow = playback(side, side / meters)
+    crossing = slow * side / push_speed(side, side / meters)
+    assert crossing > 1
+    assert slow == 1 or crossing < 2.2
+    assert duration * slow == pytest.approx(2 * crossing, rel=0.1)

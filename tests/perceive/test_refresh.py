@@ -149,7 +149,7 @@ def test_a_label_edited_by_hand_brings_its_numbers_and_a_second_refresh_changes_
 @pytest.mark.slow
 def test_labels_beside_a_refresh_keep_names_and_bring_the_scale(scene: Path) -> None:
     before = yaml.safe_load(scene.read_text())
-    assert before["world"]["pixels_per_meter"] == 100
+    assert before["world"]["pixels_per_meter"] == 600
     refreshed(scene, "--label", "ball-1=billiard ball")
     after = yaml.safe_load(scene.with_name("again.yaml").read_text())
     assert list(after["objects"]) == list(before["objects"])
@@ -167,7 +167,7 @@ def test_a_scale_that_motions_were_made_for_stays(scene: Path) -> None:
     document["forces"] = [{"object": "ball-1", "impulse": [10, 0]}]
     scene.write_text(yaml.safe_dump(document))
     after, _ = refreshed(scene, "--label", "*=billiard ball")
-    assert after.world.pixels_per_meter == 100
+    assert after.world.pixels_per_meter == 600
 
 
 def test_a_refreshed_scene_needs_a_place(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:

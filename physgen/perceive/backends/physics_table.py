@@ -14,7 +14,7 @@ from math import log, pi, sqrt
 from physgen.geometry.polygon import Disc, Outline
 from physgen.materials import Kind, Material, kind
 from physgen.perceive.roles import Matter, PhotoObject, Physics, Rgb
-from physgen.perceive.scale import Extent, object_extent
+from physgen.perceive.scale import PLAYBACK, Extent, assumed_scale, object_extent
 from physgen.scene.scene import Solid
 
 
@@ -22,8 +22,6 @@ from physgen.scene.scene import Solid
 class WeighingConstants:
     """Constants of the masses."""
 
-    width: float = 0.5
-    """m along the longer side of a photo of unknown scale."""
     unscaled: float = 0.3
     """Confidence of a mass, at most, where the scale is assumed."""
     standard: float = 0.05
@@ -47,7 +45,7 @@ def _table(rgb: Rgb, objects: Sequence[PhotoObject], pixels_per_meter: float | N
     if pixels_per_meter is not None:
         value, why, most = pixels_per_meter, f"at {pixels_per_meter:.4g} px/m", 1.0
     else:
-        value, why = max(rgb.shape[:2]) / WEIGHING.width, f"taking the photo to show {WEIGHING.width:g} m"
+        value, why = assumed_scale(max(rgb.shape[:2])), f"taking the photo to show {PLAYBACK.width:g} m"
         most = WEIGHING.unscaled
     return {item.id: _matter(item, kinds[item.id], value, why, most) for item in objects}
 

@@ -1,0 +1,303 @@
+"""What sets a scene in motion: the push that perception writes, and the shorthands --push, --drop and --kick."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import cos, hypot, radians, sin
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.perceive.scale import push_speed
+from physgen.problems import InputError
+from physgen.scene.scene import Motion, Object, Scene, View
+from physgen.text import listed, nearest
+
+if TYPE_CHECKING:
+    from physgen.compile.compile import Compiled
+    from physgen.compile.shapes import Shapes
+    from physgen.compile.world import Body
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """How candidates for a push are ranked and tried; lengths are parts of the photo's longer side."""
+
+    room: float = 0.3
+    """Free way ahead that counts in full."""
+    ahead: float = 1.5
+    """Weight of objects ahead, against that of a free way: something is struck."""
+    round: float = 0.3
+    """More for a circle, which goes on rolling."""
+    apart: float = 1.0
+    """More, seen from above, for what lies far from all others: it has a run-up."""
+    loaded: float = 0.7
+    """Less for what carries another object."""
+    tried: int = 3
+    """Candidates that are simulated, at up to a second each."""
+    enough: float = 0.5
+    """Of the most that a candidate shows, that the first one needs to be taken."""
+    part: float = 0.5
+    """Of the clip, that is simulated."""
+    samples: int = 16
+    """Times at which positions are compared."""
+    far: float = 0.25
+    """A displacement that counts in full."""
+    least: float = 0.07
+    """A displacement that is seen: 36 px of a photo of 512."""
+    wild: float = 2.5
+    """Times the push's speed and that of a fall over the photo, from which a motion is an explosion."""
+    harder: tuple[float, ...] = (1.0, 1.5, 2.5)
+    """Times the ordinary speed, tried in turn until something is seen to move."""
+
+
+TRIAL = _Trial()
+WORDS = {"right": (1, 0), "left": (-1, 0), "up": (0, -1), "down": (0, 1)}
+"""Directions in image axes; two of them are joined by a hyphen: up-right."""
+_SPEED = re.compile(r"([-+.\deE]+)\s*(m/s|cm/s|px/s)?").fullmatch
+METERS = {"m/s": 1.0, "cm/s": 0.01}
+
+
+@dataclass(frozen=True)
+class Push:
+    """A velocity that sets a scene in motion."""
+
+    name: str
+    velocity: tuple[float, float]
+    """px/s."""
+    comment: str
+    """For the file."""
+
+
+def default_push(scene: Scene, shapes: Shapes, sure: Mapping[str, float]) -> Push | None:
+    """The push that shows most; None where none moves anything.
+
+    Seen from the side it goes left or right, from above towards the nearest object or the middle of all. Candidates are
+    ranked by what lies ahead, and the best are simulated. `sure` are confidences of objects by name.
+    """
+    from physgen.compile.compile import compile_shapes
+
+    side = max(scene.size)
+    ordinary = push_speed(side, scene.world.pixels_per_meter)
+    ranked = _ranked(scene, compile_shapes(scene, shapes).world.bodies, sure)
+    for factor in TRIAL.harder:
+        speed = float(f"{ordinary * factor:.2g}")
+        tried: list[tuple[float, Push]] = []
+        for item, way in ranked[: TRIAL.tried]:
+            velocity = (round(speed * way[0]) + 0.0, round(speed * way[1]) + 0.0)
+            shown = _shown(scene, shapes, item, velocity)
+            tried.append((shown, Push(item.name, velocity, _comment(scene, speed, way))))
+        most = max((shown for shown, _ in tried), default=0.0)
+        if most > 0:
+            return next(push for shown, push in tried if shown >= TRIAL.enough * most)
+    return None
+
+
+def _ranked(
+    scene: Scene, bodies: Sequence[Body], sure: Mapping[str, float]
+) -> list[tuple[Object, tuple[float, float]]]:
+    """Objects and unit directions in which to push them, the most promising first."""
+    found: list[tuple[float, int, Object, tuple[float, float]]] = []
+    side = max(scene.size)
+    corners = [np.concatenate(body.rings) + body.center for body in bodies]
+    for k, item in enumerate(scene.objects):
+        if item.motion is not Motion.DYNAMIC:
+            continue
+        for way in _ways(scene, [body.center for body in bodies], k):
+            frame = np.array([way, (-way[1], way[0])])
+            low, high = (
+                np.array([end(points @ frame.T, axis=0) for points in corners]) for end in (np.min, np.max)
+            )
+            beside = (np.minimum(high, high[k]) - np.maximum(low, low[k]))[:, 1] > 0.1 * (high - low)[:, 1]
+            ahead = [n for n in np.flatnonzero(beside & (low[:, 0] > high[k, 0] - 2)) if n != k]
+            border = _to_border(bodies[k].center, way, scene.size)
+            free = min([border, *(low[n, 0] - high[k, 0] for n in ahead)]) / (TRIAL.room * side)
+            score = min(max(free, 0.0), 1.0) + TRIAL.ahead * (1 - 0.5 ** len(ahead))
+            score += TRIAL.round * (bodies[k].radius is not None)
+            near = [points for n, points in enumerate(corners) if n != k]
+            if scene.world.view is View.TOP:
+                gaps = [np.hypot(*(points - bodies[k].center).T).min() for points in near]
+                score += TRIAL.apart * min(
+                    1.0, (min(gaps, default=0.0) - bodies[k].reach) / (TRIAL.room * side)
+                )
+            else:
+                top, left, right = corners[k][:, 1].min(), corners[k][:, 0].min(), corners[k][:, 0].max()
+                score -= TRIAL.loaded * any(
+                    abs(points[:, 1].max() - top) < 0.02 * side
+                    and points[:, 0].min() < right
+                    and points[:, 0].max() > left
+                    for points in near
+                )
+            found.append((score * sure.get(item.name, 1.0), -len(found), item, way))
+    return [(item, way) for _, _, item, way in sorted(found, key=lambda one: one[:2], reverse=True)]
+
+
+def _ways(scene: Scene, centers: Sequence[Array], k: int) -> list[tuple[float, float]]:
+    """Unit directions in which an object may be pushed."""
+    if scene.world.view is View.SIDE:
+        return [(1.0, 0.0), (-1.0, 0.0)]
+    others = [center for n, center in enumerate(centers) if n != k] or [(np.array(scene.size) - 1) / 2]
+    nearest_one = min(others, key=lambda center: float(np.hypot(*(center - centers[k]))))
+    ways = []
+    for goal in (nearest_one, np.mean(others, axis=0)):
+        x, y = (float(part) for part in goal - centers[k])
+        ways.append((x / hypot(x, y), y / hypot(x, y)) if hypot(x, y) > 1 else (1.0, 0.0))
+    return ways
+
+
+def _to_border(center: Array, way: tuple[float, float], size: tuple[int, int]) -> float:
+    """px from a point to the photo's border along a direction."""
+    ends = [
+        ((side if part > 0 else 0) - place) / part
+        for place, part, side in zip(center, way, size, strict=True)
+        if part
+    ]
+    return float(min(ends))
+
+
+def _shown(scene: Scene, shapes: Shapes, item: Object, velocity: tuple[float, float]) -> float:
+    """How much a push shows, counted in objects that move far; 0 where it moves none enough, or all explodes."""
+    from physgen.compile.compile import compile_shapes
+    from physgen.simulate.engine import simulate
+
+    pushed = tuple(replace(one, velocity=velocity) if one is item else one for one in scene.objects)
+    compiled = compile_shapes(replace(scene, objects=pushed), shapes)
+    times = np.linspace(0, TRIAL.part * scene.world.duration, TRIAL.samples)
+    poses = simulate(compiled.world, times).poses[..., :2]
+    side = max(scene.size)
+    inside: NDArray[np.bool_] = np.all((poses >= 0) & (poses < scene.size), axis=-1)
+    away = np.where(inside, np.hypot(*np.moveaxis(poses - poses[:1], -1, 0)), 0).max(axis=0) / side
+    fastest = float(np.hypot(*np.moveaxis(np.diff(poses, axis=0), -1, 0)).max(initial=0.0)) / times[1]
+    fall = (2 * hypot(*scene.world.gravity) * side) ** 0.5
+    if away.max(initial=0.0) < TRIAL.least or fastest > TRIAL.wild * (hypot(*velocity) + fall):
+        return 0.0
+    return float(np.minimum(away / TRIAL.far, 1.0).sum() + inside.mean())
+
+
+def _comment(scene: Scene, speed: float, way: tuple[float, float]) -> str:
+    words = [word for word, (x, y) in WORDS.items() if way[0] * x + way[1] * y > sin(radians(22.5))]
+    meters = f"{speed / scene.world.pixels_per_meter:.2g} m/s to the {'-'.join(reversed(words))}"
+    return f"px/s: the push that sets the scene in motion, {meters}; [0, 0] leaves it at rest"
+
+
+# Shorthands of the command line
+
+
+def motion_edits(
+    scene: Scene, compiled: Compiled, pushes: Sequence[str], drops: Sequence[str], kicks: Sequence[str]
+) -> dict[str, Any]:
+    """Dotted keys and values that set a scene in motion.
+
+    `pushes` are `NAME=DIRECTION[@SPEED]`, `drops` names, `kicks` `X,Y[@SPEED]`. Raises InputError.
+    """
+    edits: dict[str, Any] = {}
+    for text in pushes:
+        name, _, rest = text.partition("=")
+        item = _named(scene, "--push", name.strip())
+        way, speed = _direction_and_speed(scene, "--push", rest)
+        x, y = _direction("--push", way)
+        edits |= _let_go(item)
+        edits[f"objects.{item.name}.velocity"] = [round(speed * x, 1) + 0.0, round(speed * y, 1) + 0.0]
+    for name in drops:
+        item = _named(scene, "--drop", name.strip())
+        if scene.world.view is View.TOP:
+            fix = f"write --push {item.name}=right"
+            raise InputError.of("--drop", f'"{name}"', "cannot fall: the photo is seen from above", fix)
+        edits |= _let_go(item)
+        edits[f"objects.{item.name}.place"] = _lifted(scene, compiled, item)
+    made = [_kick(scene, compiled, text) for text in kicks]
+    for item, _ in made:
+        edits |= _let_go(item)
+    if made:
+        edits["forces"] = [*scene.document["forces"], *(force for _, force in made)]
+    return edits
+
+
+def _let_go(item: Object) -> dict[str, Any]:
+    return {} if item.motion is Motion.DYNAMIC else {f"objects.{item.name}.motion": "dynamic"}
+
+
+def _named(scene: Scene, flag: str, name: str) -> Object:
+    """The object of that name. Raises InputError."""
+    for item in scene.objects:
+        if item.name == name:
+            return item
+    names = [item.name for item in scene.objects]
+    close = nearest(name, names)
+    fix = f"did you mean {close}?" if close else f"write one of {listed(names[:20]) or 'the objects'}"
+    raise InputError.of(flag, f'"{name}"', "names no object", fix)
+
+
+def _direction_and_speed(scene: Scene, flag: str, text: str) -> tuple[str, float]:
+    """A text before @, and the speed after it, px/s; the ordinary speed of a push without one."""
+    way, sign, rest = (part.strip() for part in text.partition("@"))
+    if not sign:
+        return way, push_speed(max(scene.size), scene.world.pixels_per_meter)
+    match = _SPEED(rest)
+    try:
+        speed = float(match[1] if match else "")
+    except ValueError:
+        raise InputError.of(flag, f'"{rest}"', "is no speed", "write e.g. @2 m/s or @300 px/s") from None
+    unit = match[2] if match else None
+    return way, speed * METERS[unit] * scene.world.pixels_per_meter if unit in METERS else speed
+
+
+def _direction(flag: str, text: str) -> tuple[float, float]:
+    """The unit vector of a word or an angle in degrees. Raises InputError."""
+    words = text.split("-") if text.strip("+-.0123456789") else []
+    if words and all(word in WORDS for word in words) and len(words) < 3:
+        x, y = (sum(WORDS[word][axis] for word in words) for axis in (0, 1))
+        if x or y:
+            return x / hypot(x, y), y / hypot(x, y)
+    try:
+        angle = radians(float(text))
+    except ValueError:
+        fix = "write right, left, up, down, up-right ... or degrees, 0 to the right and 90 down"
+        raise InputError.of(flag, f'"{text}"', "is no direction", fix) from None
+    return cos(angle), sin(angle)
+
+
+def _lifted(scene: Scene, compiled: Compiled, item: Object) -> list[float]:
+    """`place` of an object at its own height above where it is, or as far as there is room below what is over it."""
+    from physgen.geometry.polygon import bounds
+
+    boxes = [bounds(outline) for outline in compiled.outlines]
+    k = scene.objects.index(item)
+    left, top, right, bottom = boxes[k]
+    above = [box[3] for n, box in enumerate(boxes) if n != k and box[0] < right and box[2] > left]
+    room = top - max([0.0, *(y for y in above if y <= top + 1)])
+    x, y = compiled.world.bodies[k].center
+    angle = item.place[2] if item.place else 0.0
+    lift = max(0.0, min(bottom - top, room))
+    return [round(float(x), 2), round(float(y - lift), 2), *([angle] if angle else [])]
+
+
+def _kick(scene: Scene, compiled: Compiled, text: str) -> tuple[Object, dict[str, Any]]:
+    """The object at a point, or the nearest, and an impulse there: away from the point, level seen from the side."""
+    where, speed = _direction_and_speed(scene, "--kick", text)
+    try:
+        x, y = (float(part) for part in where.split(","))
+    except ValueError:
+        raise InputError.of("--kick", f'"{where}"', "is not two numbers", "write e.g. 120,80") from None
+    if not scene.objects:
+        raise InputError.of("--kick", f'"{where}"', "meets no object: the scene has none", "leave it out")
+    at = np.array([x, y])
+    outlines = [np.concatenate(body.rings) + body.center for body in compiled.world.bodies]
+    k = int(np.argmin([np.hypot(*(points - at).T).min() for points in outlines]))
+    row, column = (
+        int(np.clip(part, 0, side - 1)) for part, side in zip((y, x), scene.size[::-1], strict=True)
+    )
+    if compiled.labels[row, column]:
+        k = int(compiled.labels[row, column]) - 1
+    body = compiled.world.bodies[k]
+    way = body.center - at
+    if scene.world.view is View.SIDE or hypot(*way) < 1:
+        way = np.array([1.0 if way[0] >= 0 else -1.0, 0.0])
+    way = way / hypot(*way)
+    impulse = [float(f"{body.mass * speed * part:.4g}") + 0.0 for part in way]
+    return scene.objects[k], {"object": body.name, "impulse": impulse, "at": [x, y]}

@@ -1,0 +1,90 @@
+"""What sets a scene in motion, on scenes whose answer is plain."""
+
+from __future__ import annotations
+
+from math import cos, radians, sin
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from physgen import pipeline
+from physgen.cli.main import main
+from physgen.compile.shapes import shapes_of
+from physgen.pipeline.pushes import default_push, motion_edits
+from physgen.problems import InputError
+
+ROW = (
+    "physgen: 1\nsize: [400, 200]\nworld: {pixels_per_meter: 800, duration: 1}\n"
+    "objects:\n"
+    + "".join(
+        f"  domino-{k}: {{shape: {{box: {{center: [{100 + 22 * k}, 120], size: [8, 60]}}}}}}\n"
+        for k in range(6)
+    )
+    + "boundaries: {floor: {segment: [[0, 150], [400, 150]]}}\n"
+)
+
+
+@pytest.fixture
+def row(tmp_path: Path) -> Path:
+    path = tmp_path / "scene.yaml"
+    path.write_text(ROW)
+    return path
+
+
+def test_a_row_of_dominoes_is_pushed_at_its_end_and_falls(row: Path) -> None:
+    scene = pipeline.load(row)
+    push = default_push(scene, shapes_of(scene, None), {})
+    assert push is not None
+    assert push.name == "domino-0"
+    assert push.velocity[0] > 0 == push.velocity[1]
+    pushed = pipeline.load(row, [f"objects.{push.name}.velocity=[{push.velocity[0]}, 0]"])
+    angles = pipeline.simulate(pipeline.compile(pushed, None).world).poses[-1, :, 2]
+    assert (np.degrees(angles) > 40).all()
+
+
+def test_a_ball_with_a_run_up_breaks_the_others(tmp_path: Path) -> None:
+    balls = [(60, 100), *((300 + 18 * i, 100 + 20.5 * (j - i / 2)) for i in range(3) for j in range(i + 1))]
+    objects = "".join(
+        f"  b{k}: {{shape: {{circle: {{center: [{x}, {y}], radius: 10}}}}}}\n"
+        for k, (x, y) in enumerate(balls)
+    )
+    path = tmp_path / "scene.yaml"
+    path.write_text(
+        f"physgen: 1\nsize: [400, 200]\nworld: {{view: top, pixels_per_meter: 800}}\nobjects:\n{objects}"
+    )
+    scene = pipeline.load(path)
+    push = default_push(scene, shapes_of(scene, None), {})
+    assert push is not None
+    assert push.name == "b0"
+    assert push.velocity == pytest.approx((np.hypot(*push.velocity), 0), abs=1)
+
+
+def test_shorthands_are_edits(row: Path) -> None:
+    scene = pipeline.load(row)
+    compiled = pipeline.compile(scene, None)
+    edits = motion_edits(scene, compiled, ["domino-1=30@2 m/s"], ["domino-2"], ["104,95@50 px/s"])
+    speed = 2 * 800
+    assert edits["objects.domino-1.velocity"] == pytest.approx(
+        [speed * cos(radians(30)), speed * sin(radians(30))], abs=0.1
+    )
+    assert edits["objects.domino-2.place"] == [144, 60]  # by its own height
+    (kick,) = edits["forces"]
+    assert kick == {"object": "domino-0", "impulse": [-50.0 * 8 * 60, 0.0], "at": [104, 95]}
+    for pushes, word in ((["domino-1=sideways"], "direction"), (["dominoe-1=left"], "did you mean domino-1")):
+        with pytest.raises(InputError, match=word):
+            motion_edits(scene, compiled, pushes, [], [])
+
+
+def test_a_still_scene_says_so_and_a_push_prints_what_to_keep(row: Path, tmp_path: Path, capsys) -> None:
+    command = ["render", str(row), "-o", str(tmp_path / "out"), "--preview"]
+    assert main(command) == 0
+    assert "nothing moves in this clip; try --push domino-0=right" in capsys.readouterr().err
+    assert main([*command, "--push", "domino-0=right"]) == 0
+    said = capsys.readouterr().err
+    assert "nothing moves" not in said
+    kept = "".join(line[2:] + "\n" for line in said.splitlines()[1:])
+    assert "velocity: [" in kept
+    row.write_text(ROW.replace("objects:\n", "variants: {a: {objects.domino-0.velocity: [1, 0]}}\n" + kept, 1)
+                   .replace("  domino-0: {shape", "    shape", 1).replace("[8, 60]}}}", "[8, 60]}}", 1))  # fmt: skip
+    assert pipeline.load(row).objects[0].velocity[0] > 0
