@@ -145,6 +145,7 @@ COMMANDS = {
         perceive.PERCEIVE,
         perceive.IMPORT,
         edit.EDIT,
+        simulate.SHOW,
         simulate.CHECK,
         simulate.SIMULATE,
         render.RENDER,

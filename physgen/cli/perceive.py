@@ -89,7 +89,8 @@ def _perceive_many(options: argparse.Namespace) -> int:
         try:
             pipeline.perceive(
                 image, output, crew=crew, asked=options.find, side=options.side, still=options.still,
-                progress=step, warn=print_problem, keep=print_backup, inform=print_error,
+                progress=step, warn=print_problem, keep=print_backup,
+                inform=lambda text: print_error(text.partition("\n")[0]),
             )  # fmt: skip
             write_result("", output)
         except InputError as error:

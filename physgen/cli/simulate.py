@@ -1,4 +1,4 @@
-"""`check` and `simulate`: scenes to problems and trajectories."""
+"""`show`, `check` and `simulate`: scenes to tables, problems and trajectories."""
 
 from __future__ import annotations
 
@@ -6,12 +6,63 @@ import argparse
 import sys
 from collections.abc import Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from physgen.cli.arguments import WRONG_INPUT, Command, Parser, positive
 from physgen.cli.clips import add_overlays, variants_of
 from physgen.cli.output import OK, Bar, print_backup, print_json, print_line, print_problems
 from physgen.files import back_up, write_atomic
 from physgen.problems import InputError, Problem, Severity
+from physgen.scene.scene import Motion, Scene
+
+if TYPE_CHECKING:
+    from physgen.compile.compile import Compiled
+
+
+COLUMNS = {
+    "name": "name", "label": "label", "mass_g": "mass g", "friction": "friction", "elasticity": "elasticity",
+    "speed_m_s": "speed m/s", "support": "support", "confidence": "confidence",
+}  # fmt: skip
+"""Key of an object's row -> heading."""
+
+
+def show(options: argparse.Namespace) -> int:
+    from physgen import pipeline
+
+    scene = pipeline.load(options.scene, options.set, _one_variant(options), options.allow_outside)
+    rows = object_rows(scene, pipeline.compile(scene, pipeline.percepts(scene)))
+    if options.json:
+        print_json({"objects": rows})
+        return OK
+    table = [list(COLUMNS.values()), *([_cell(row[key]) for key in COLUMNS] for row in rows)]
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    for line in table:
+        print_line("  ".join(text.ljust(width) for text, width in zip(line, widths, strict=True)).rstrip())
+    return OK
+
+
+def object_rows(scene: Scene, compiled: Compiled) -> list[dict[str, Any]]:
+    """What matters of each object, in the order of names."""
+    from physgen.compile.warnings import supports
+    from physgen.scene.provenance import source
+
+    rows = []
+    held_by = supports(scene, compiled)
+    for item, body, under in zip(scene.objects, compiled.world.bodies, held_by, strict=True):
+        speed = float(np.hypot(*body.velocity)) / scene.world.pixels_per_meter
+        seen = source(item.provenance["mask"]).sure if "mask" in item.provenance else None
+        support = ["static"] if item.motion is Motion.STATIC else under
+        values = (item.name, item.label, round(body.mass, 4), item.friction, item.elasticity, round(speed, 3))
+        rows.append(dict(zip(COLUMNS, (*values, support, seen), strict=True)))
+    return rows
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, list):
+        return ", ".join(value[:3]) + (f" and {len(value) - 3} more" if len(value) > 3 else "") or "-"
+    return f"{value:g}" if isinstance(value, float) else "-" if value in (None, "") else str(value)
 
 
 def check(options: argparse.Namespace) -> int:
@@ -100,6 +151,12 @@ def _one_variant(options: argparse.Namespace) -> str | None:
     return str(options.variant) if options.variant else None
 
 
+def add_show(parser: Parser) -> None:
+    parser.add_argument("scene", metavar="SCENE")
+    parser.flag("--json", "print as JSON")
+    add_overlays(parser)
+
+
 def add_check(parser: Parser) -> None:
     parser.add_argument("scenes", metavar="SCENE", nargs="+")
     parser.flag("--strict", "warnings count as errors")
@@ -116,6 +173,13 @@ def add_simulate(parser: Parser) -> None:
     add_overlays(parser)
 
 
+SHOW = Command(
+    "show",
+    "Prints the objects of a scene: label, mass, friction, elasticity, speed, support and confidence.",
+    "physgen show scene.yaml",
+    add_show,
+    show,
+)
 CHECK = Command(
     "check",
     "Lists problems and warnings of scene files.",

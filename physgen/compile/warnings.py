@@ -238,23 +238,37 @@ def depth_across(shape: shapely.Geometry, wall: shapely.LineString) -> float:
 # Support
 
 
-def _unsupported(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
-    """Objects of a photo, at rest, with nothing under them or under what they are joined to."""
+def supports(scene: Scene, compiled: Compiled) -> list[list[str]]:
+    """Names of what each object meets on its way down; all empty without gravity in the photo's plane.
+
+    What only touches an object's side is no support.
+    """
     gravity = compiled.world.gravity
-    if scene.image is None or scene.world.view is View.TOP or not gravity.any():
-        return
+    if scene.world.view is View.TOP or not gravity.any():
+        return [[] for _ in scene.objects]
     down = gravity / float(np.hypot(*gravity)) * LIMITS.support
     shapes = [outline_shape(outline) for outline in compiled.outlines]
-    chains = [chain for wall in compiled.world.walls for chain in wall.chains]
-    others = shapely.STRtree([*shapes, *map(shapely.LineString, chains)])
+    chains = [
+        (wall.name, shapely.LineString(chain)) for wall in compiled.world.walls for chain in wall.chains
+    ]
+    names = [item.name for item in scene.objects] + [name for name, _ in chains]
+    others = shapely.STRtree([*shapes, *(line for _, line in chains)])
 
-    def rests(i: int) -> bool:
-        """Whether the object meets anything on its way down; what only touches its side is no support."""
+    def met(i: int) -> list[str]:
         lowered = (translate(shapes[i], *(down * part)) for part in PARTS)
         way = shapely.union_all(list(lowered)).buffer(-TOUCH)
-        return bool((others.query(way, "intersects") != i).any())
+        found = sorted(int(k) for k in others.query(way, "intersects") if k != i)
+        return list(dict.fromkeys(names[k] for k in found))
 
-    hanging = [i for group in _joined(scene) if not any(map(rests, group)) for i in group]
+    return [met(i) for i in range(len(shapes))]
+
+
+def _unsupported(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
+    """Objects of a photo, at rest, with nothing under them or under what they are joined to."""
+    if scene.image is None or scene.world.view is View.TOP or not compiled.world.gravity.any():
+        return
+    held_by = supports(scene, compiled)
+    hanging = [i for group in _joined(scene) if not any(held_by[k] for k in group) for i in group]
     for item in (scene.objects[i] for i in sorted(hanging)):
         if not any(item.velocity):
             expected = "is supported by nothing and falls at once"

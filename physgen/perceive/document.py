@@ -363,6 +363,55 @@ def label_counts(labels: Mapping[int, str]) -> str:
     return ", ".join(f"{n} x {label}" for label, n in ordered)
 
 
+UNSURE = 0.5
+"""Confidence of a mask below which a summary names its object as doubtful."""
+
+
+def summary(perceived: PerceivedScene) -> list[str]:
+    """What was found, how sure it is, and how to correct it: the first line in short, then a line for each subject."""
+    document, comments = perceived.document, perceived.comments
+    objects, world = document["objects"], document["world"]
+    sure = {name: float(item["from"]["mask"].rpartition(" ")[2]) for name, item in objects.items()}
+    ends = sorted({min(sure.values(), default=0.0), max(sure.values(), default=0.0)})
+    confidence = f", confidence {' to '.join(f'{end:g}' for end in ends)}" if sure else ""
+    first = f"{counted(len(objects), 'object')}{confidence}; suitability: {perceived.suitability}"
+    if not objects:
+        return [first]
+    table = {
+        "objects": label_counts({k: item["label"] for k, item in enumerate(objects.values())}),
+        "scale": f"{world['pixels_per_meter']:g} px/m, {comments.get('world.pixels_per_meter', '')}; to correct it, "
+        "name an object by --label, or set world.pixels_per_meter",
+        "view": f"{world['view']}: {comments.get('world.view', '').partition(': ')[2]}",
+    }
+    walls = [name for name in document["boundaries"] if name != "bottom"]
+    static = [name for name, item in objects.items() if item.get("motion") == "static"]
+    table["support"] = ", ".join(walls) or "no boundary is seen"
+    if static:
+        table["support"] += f"; held where they are: {', '.join(static)}"
+    pushed = [name for name, item in objects.items() if any(item.get("velocity", ()))]
+    reasons = (comments[f"objects.{name}.velocity"].split(", ")[1].partition(";")[0] for name in pushed)
+    table["motion"] = "; ".join(
+        f"{name} is pushed, {reason}" for name, reason in zip(pushed, reasons, strict=True)
+    )
+    table["motion"] = table["motion"] or "nothing is pushed; try render --push NAME=right"
+    unsure = [f"{name} {one:g}" for name, one in sure.items() if one < UNSURE]
+    regions = comments.get(f"objects.{next(iter(objects))}", "").count("maybe-")
+    doubts = [f"{', '.join(unsure)}: delete the entry of what is no object"] if unsure else []
+    doubts += [f"{counted(regions, 'region')} may be objects, too: see maybe-1"] if regions else []
+    if doubts:
+        table["doubtful"] = "; ".join([*doubts, "--box and --point mark what is missing"])
+    return [first, *(f"  {name:<9} {' '.join(text.split())}" for name, text in table.items())]
+
+
+def counted(number: int, noun: str) -> str:
+    """A number of objects of one kind.
+
+    >>> counted(1, "shape"), counted(2, "shape")
+    ('1 shape', '2 shapes')
+    """
+    return f"{number:,} {noun}{'s' * (number != 1)}"
+
+
 def doubt_comments(doubtful: Sequence[Doubt], source: str) -> str:
     """Lines for the scene's comments: regions that the user may take for objects by uncovering a line."""
     lines = [DOUBTFUL]

@@ -57,11 +57,11 @@ def perceive(
     """Photo -> the scene's text; assets, and the scene where `output` is given, are written. Raises InputError.
 
     Objects come from `masks`, `boxes` and `points`, or else from the segment backend. `crew` fills the roles,
-    the offline backends unless given. `changes` are fields of PerceiveOptions. `inform` is called with a line on the
-    photo's suitability.
+    the offline backends unless given. `changes` are fields of PerceiveOptions. `inform` is called with a summary:
+    some lines, the first of which has the photo's suitability.
     """
     from physgen.maps import read_labels
-    from physgen.perceive.document import write_scene
+    from physgen.perceive.document import summary, write_scene
     from physgen.perceive.perceive import LONGEST_SIDE, shrink_detections, shrink_photo
     from physgen.perceive.perceive import perceive as run
     from physgen.perceive.segment.prompts import Segmenter, from_masks, from_prompts, weak_prompts
@@ -109,7 +109,8 @@ def perceive(
     if not options.still:
         progress("push", 0, 1)
         perceived = _pushed(perceived)
-    inform(f"{image}: suitability: {perceived.suitability}")
+    first, *more = summary(perceived)
+    inform("\n".join([f"{image}: {first}", *more]))
     return write_scene(perceived, image if as_it_is else None, image.stem, output, options.assets, keep)
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from physgen.maps import read_labels
 from physgen.perceive import document
-from physgen.perceive.document import write_scene
+from physgen.perceive.document import summary, write_scene
 from physgen.perceive.perceive import perceive
 from physgen.perceive.roles import PerceivedScene, Segments
 from physgen.perceive.segment.prompts import Segmenter, from_masks, from_prompts, segment_point
@@ -82,6 +82,10 @@ def test_a_photo_becomes_a_valid_scene(seen: PerceivedScene, tmp_path: Path):
     text = (tmp_path / "scene.yaml").read_text()
     assert "cut off by the photo's border" in text
     assert "velocity: [0, 0]" in text
+    first, *more = summary(seen)
+    assert first.startswith(f"{len(scene.objects)} objects, confidence ")
+    assert [line.split()[0] for line in more] == ["objects", "scale", "view", "support", "motion"]
+    assert all(item.name in more[3] for item in scene.objects if item.motion is Motion.STATIC)
 
 
 def test_percepts_agree_with_each_other(seen: PerceivedScene):
