@@ -5,20 +5,20 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterable
+from math import hypot
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 
 from physgen.cli.arguments import WRONG_INPUT, Command, Parser, positive
 from physgen.cli.clips import add_overlays, variants_of
 from physgen.cli.output import OK, Bar, print_backup, print_json, print_line, print_problems
 from physgen.files import back_up, write_atomic
 from physgen.problems import InputError, Problem, Severity
-from physgen.scene.scene import Motion, Scene
 
 if TYPE_CHECKING:
     from physgen.compile.compile import Compiled
+    from physgen.scene.scene import Scene
 
 
 COLUMNS = {
@@ -51,9 +51,9 @@ def object_rows(scene: Scene, compiled: Compiled) -> list[dict[str, Any]]:
     rows = []
     held_by = supports(scene, compiled)
     for item, body, under in zip(scene.objects, compiled.world.bodies, held_by, strict=True):
-        speed = float(np.hypot(*body.velocity)) / scene.world.pixels_per_meter
+        speed = hypot(*body.velocity) / scene.world.pixels_per_meter
         seen = source(item.provenance["mask"]).sure if "mask" in item.provenance else None
-        support = ["static"] if item.motion is Motion.STATIC else under
+        support = ["static"] if item.motion.value == "static" else under
         values = (item.name, item.label, round(body.mass, 4), item.friction, item.elasticity, round(speed, 3))
         rows.append(dict(zip(COLUMNS, (*values, support, seen), strict=True)))
     return rows

@@ -34,6 +34,7 @@ from physgen.perceive.roles import (
     Shadows,
     Wall,
 )
+from physgen.perceive.support.viewpoint import DOUBTS
 from physgen.photometry import DistantLight
 from physgen.problems import InputError, Place, Problem, Severity
 from physgen.scene.files import MAPS
@@ -363,10 +364,6 @@ def label_counts(labels: Mapping[int, str]) -> str:
     return ", ".join(f"{n} x {label}" for label, n in ordered)
 
 
-UNSURE = 0.5
-"""Confidence of a mask below which a summary names its object as doubtful."""
-
-
 def summary(perceived: PerceivedScene) -> list[str]:
     """What was found, how sure it is, and how to correct it: the first line in short, then a line for each subject."""
     document, comments = perceived.document, perceived.comments
@@ -394,7 +391,7 @@ def summary(perceived: PerceivedScene) -> list[str]:
         f"{name} is pushed, {reason}" for name, reason in zip(pushed, reasons, strict=True)
     )
     table["motion"] = table["motion"] or "nothing is pushed; try render --push NAME=right"
-    unsure = [f"{name} {one:g}" for name, one in sure.items() if one < UNSURE]
+    unsure = [f"{name} {one:g}" for name, one in sure.items() if one < DOUBTS.most]
     regions = comments.get(f"objects.{next(iter(objects))}", "").count("maybe-")
     doubts = [f"{', '.join(unsure)}: delete the entry of what is no object"] if unsure else []
     doubts += [f"{counted(regions, 'region')} may be objects, too: see maybe-1"] if regions else []
