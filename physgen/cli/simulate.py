@@ -9,7 +9,6 @@ from math import hypot
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-
 from physgen.cli.arguments import WRONG_INPUT, Command, Parser, positive
 from physgen.cli.clips import add_overlays, variants_of
 from physgen.cli.output import OK, Bar, print_backup, print_json, print_line, print_problems
