@@ -134,7 +134,7 @@ def beside(clips: int = 60) -> dict:
         whole = (time.process_time() - begun) / clips
         stages: dict[str, float] = {}
         for job in jobs[1:]:
-            for stage, took in json.loads((job.folder / "manifest.json").read_text())["stages"].items():
+            for stage, took in json.loads((job.folder / "timing.json").read_text())["stages"].items():
                 stages[stage] = stages.get(stage, 0.0) + took["cpu"] / clips
     return {
         "whole": round(1000 * whole, 2),

@@ -160,8 +160,8 @@ def cold(path: Path, frames: int, folder: Path) -> tuple[float, float]:
         )
         least = min(least, time.perf_counter() - before)
     name = path.parent.name if path.name == "scene.yaml" else path.stem
-    manifest = json.loads((folder / "out" / name / "manifest.json").read_text())
-    return least, manifest["peak_memory_mib"]
+    timing = json.loads((folder / "out" / name / "timing.json").read_text())
+    return least, timing["peak_memory_mib"]
 
 
 def frames(scenes: dict[str, Path], folder: Path) -> list[dict]:

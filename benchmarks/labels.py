@@ -177,7 +177,7 @@ def run(scene: Path, out: Path) -> list[dict]:
         files = [path for path in (done / name).rglob("*") if path.is_file()]
         rows.append(_row(name, clock.whole[name], clock.encoding[name]))
         rows[-1] |= {"files": len(files), "mb": round(sum(path.stat().st_size for path in files) / 1e6, 1)}
-    whole = json.loads((done / "manifest.json").read_text())["stages"]["export"]["cpu"]
+    whole = json.loads((done / "timing.json").read_text())["stages"]["export"]["cpu"]
     made, encoding = (sum(times[name] for name in names) for times in (clock.whole, clock.encoding))
     encoding += clock.encoding[SHARED]
     rows.append(_row(SHARED, whole - made, clock.encoding[SHARED]))

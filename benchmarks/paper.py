@@ -14,7 +14,6 @@ from layout import prose, table
 from studio_properties import ask_photos, with_studio
 
 from physgen import pipeline
-from physgen.batch.clips import MANIFEST
 from physgen.environment import gpu, this_machine
 from physgen.evaluate.controllability import findings as answered
 from physgen.evaluate.controllability import sweep
@@ -24,6 +23,7 @@ from physgen.evaluate.properties import findings as weighed
 from physgen.evaluate.runtime import Run, Time, total
 from physgen.evaluate.runtime import findings as timed
 from physgen.registry import Backends
+from physgen.report.record import TIMING
 
 ROOT = Path(__file__).resolve().parent.parent
 PUSHED = ("curling", "billiards", "shelf")
@@ -90,7 +90,7 @@ def measure(photo: Path, repeat: int, progress: Progress) -> list[Run]:
             progress("perceive and render", k, repeat)
             stages = _timed_perceiving(photo, Path(folder) / "scene.yaml")
             clip = pipeline.render_scene(Path(folder) / "scene.yaml", Path(folder) / "out", cached=False)
-            record = json.loads((clip / MANIFEST).read_text(encoding="utf-8"))
+            record = json.loads((clip / TIMING).read_text(encoding="utf-8"))
         stages |= {key: (one["wall"], one["cpu"]) for key, one in record["stages"].items()}
         runs.append(Run(f"{photo.stem} {k + 1}", stages, str(this_machine())))
     return runs

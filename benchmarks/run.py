@@ -92,14 +92,15 @@ def render(folder: Path) -> list[dict]:
             subprocess.run([*command, "--set", f"render.frames={frames}"], check=True, capture_output=True)
             run = out / (path.parent.name if path.name == "scene.yaml" else path.stem)
             manifest = json.loads((run / "manifest.json").read_text())
+            timing = json.loads((run / "timing.json").read_text())
             rows.append(
                 {
                     "scene": name,
                     "objects": len(manifest["document"]["objects"]),
                     "frames": len(manifest["frames"]),
-                    "cpu": {stage: times["cpu"] for stage, times in manifest["stages"].items()},
-                    "wall": round(sum(times["wall"] for times in manifest["stages"].values()), 3),
-                    "peak_mib": manifest["peak_memory_mib"],
+                    "cpu": {stage: times["cpu"] for stage, times in timing["stages"].items()},
+                    "wall": round(sum(times["wall"] for times in timing["stages"].values()), 3),
+                    "peak_mib": timing["peak_memory_mib"],
                     "video_kib": round((run / "video.mp4").stat().st_size / 1024),
                 }
             )

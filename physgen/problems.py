@@ -73,7 +73,8 @@ class Problem:
         where = f"{self.place}: " + (f"{self.path}: " if self.path else "")
         what = " ".join(part for part in (self.found, self.expected) if part)
         text = where + what + (f"; {self.fix}" if self.fix else "")
-        return text if self.severity is Severity.ERROR else text.replace(where, where + "warning: ", 1)
+        text = text if self.severity is Severity.ERROR else text.replace(where, where + "warning: ", 1)
+        return text if text.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
     def as_dict(self) -> dict[str, object]:
         """The same as JSON, for `--json`."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,6 +18,8 @@ from physgen.problems import InputError
 WRONG_INPUT = 2
 """Exit code of wrong flags and wrong files."""
 FORMATS = ("mp4", "gif", "webp", "png")
+LONGEST_NAME = 200
+"""Bytes of an output's name: a file system takes 255, and partial and backed-up files have longer names."""
 REMOVED = Path(__file__).with_name("removed.json")
 """Flags and measures of the version before, with what to use in their place; for one version."""
 
@@ -40,6 +43,7 @@ class Parser(argparse.ArgumentParser):
         **more: Any,
     ) -> None:
         """A flag with a value; `names` are separated by a space."""
+        kind = _output(kind) if names.startswith("-o ") else kind
         self.add_argument(*names.split(), metavar=metavar, type=kind, default=default, help=help, **more)
 
     def flag(self, name: str, help: str) -> None:
@@ -91,6 +95,20 @@ class Parser(argparse.ArgumentParser):
             if close:
                 message = f"argument {wrong[1]}: invalid choice: '{wrong[2]}', did you mean {close[0]}?"
         self.exit(WRONG_INPUT, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+
+def _output(kind: Callable[[str], Any]) -> Callable[[str], Any]:
+    """A reader of the name of a result, which a file system takes."""
+
+    def read(text: str) -> Any:
+        if not text.strip() or "\0" in text:
+            raise argparse.ArgumentTypeError("is no name; write the path of a new file or folder")
+        long = max(len(os.fsencode(part)) for part in text.split("/"))
+        if long > LONGEST_NAME:
+            raise argparse.ArgumentTypeError(f"has a name of {long} bytes; write at most {LONGEST_NAME}")
+        return kind(text)
+
+    return read
 
 
 def _instead(removed: str) -> str | None:

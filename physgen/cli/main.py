@@ -9,6 +9,7 @@ import signal
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
+from errno import ENAMETOOLONG
 from typing import Any
 
 from physgen import __version__
@@ -72,6 +73,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return UNREAD if options.command in BATCHES else OK
     except OSError as error:
         where = f"{final_name(str(error.filename))}: " if error.filename else ""
+        if error.errno == ENAMETOOLONG:
+            print_error(f"{where}is too long a name; write the path of a file that is there")
+            return WRONG_INPUT
         print_error(f"{where}{error.strerror or error}")
         return FAILED
 

@@ -30,6 +30,8 @@ class WarningLimits:
     """px by which a view may be moved without anyone seeing it."""
     reach: int = 5
     """px beyond a mask's border that its soft coverage may reach."""
+    pairs: int = 200
+    """Overlapping pairs that are named, about; further ones are counted."""
     overlap: float = 0.25
     """px of overlap at t = 0 that the engine resolves without anyone seeing it."""
     near: int = 5
@@ -209,13 +211,20 @@ def _overlaps(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     # a wheel may lie before the car that it is joined to
     through = {frozenset(joint.objects) for joint in scene.joints if not joint.collide}
     fix = "move or shrink one of them, or they are pushed apart"
+    named = more = 0
     for i, item in enumerate(scene.objects):
         path = f"objects.{item.name}.shape"
-        for j in sorted(tree.query(shapes[i]).tolist()):
+        near = tree.query(shapes[i])
+        near = np.sort(near[near < i])
+        if named >= LIMITS.pairs:
+            more += len(near)
+            near = near[:0]
+        for j in near.tolist():
             other = scene.objects[j].name
-            if j < i and {item.name, other} not in through:
+            if {item.name, other} not in through:
                 depth = overlap_depth(compiled.outlines[i], compiled.outlines[j])
                 if depth > LIMITS.overlap:
+                    named += 1
                     yield warning(scene, path, item.name, f"overlaps {other} by {depth:.1f} px at t = 0", fix)
         for wall in compiled.world.walls if item.motion is Motion.DYNAMIC else ():
             depth = max(
@@ -224,6 +233,8 @@ def _overlaps(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
             if depth > LIMITS.overlap:
                 expected = f"reaches {depth:.1f} px across boundary {wall.name} at t = 0"
                 yield warning(scene, path, item.name, expected, "move the boundary or the object")
+    if more:
+        yield warning(scene, "objects", f"{more:,} more pairs", "lie so near that they may overlap, too", fix)
 
 
 def depth_across(shape: shapely.Geometry, wall: shapely.LineString) -> float:

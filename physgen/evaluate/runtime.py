@@ -15,6 +15,7 @@ from physgen.batch.clips import MANIFEST, checked_folders, find_clips
 from physgen.environment import Machine
 from physgen.evaluate.measure import Findings, Section, Table, number
 from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
+from physgen.report.record import TIMING
 
 PERCEIVED = "perceived.json"
 MOST_PROBLEMS = 20
@@ -98,10 +99,11 @@ def read_runs(roots: Sequence[Path], warn: Warn = ignore_warning) -> list[Run]:
 
 
 def _run(name: str, folder: Path, record: Mapping[str, Any]) -> Run | None:
-    """None where the record has no times."""
+    """None where the clip has no times."""
     try:
-        stages = {key: (float(one["wall"]), float(one["cpu"])) for key, one in record["stages"].items()}
-    except (KeyError, TypeError, ValueError, AttributeError):
+        times = json.loads((folder / TIMING).read_bytes())["stages"]
+        stages = {key: (float(one["wall"]), float(one["cpu"])) for key, one in times.items()}
+    except (OSError, KeyError, TypeError, ValueError, AttributeError):
         return None
     if not stages or not all(isfinite(wall) and wall >= 0 for wall, _ in stages.values()):
         return None

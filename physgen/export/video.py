@@ -56,6 +56,9 @@ LONGEST = {Format.MP4: 16384, Format.WEBP: 16383, Format.GIF: 65535}
 NO_ROOM = (ENOSPC, EDQUOT, EFBIG)
 """Errors of a disk that takes no more."""
 
+HEADER = 4096
+"""Bytes, more than the header of any format."""
+
 Write = Callable[[U8], None]
 WAITING = 4
 """Frames between the one that is drawn and the one that is encoded."""
@@ -77,8 +80,11 @@ def open_video(
     opener = {Format.MP4: _mp4, Format.GIF: _gif, Format.WEBP: _webp, Format.PNG: _png}[kind]
     from av.error import FFmpegError
 
+    path = folder / kind.named(name)
+    if kind is not Format.PNG:
+        path.write_bytes(bytes(HEADER))  # PyAV crashes where a disk has no room for the header
     try:
-        with opener(folder / kind.named(name), size, rate) as write:
+        with opener(path, size, rate) as write:
             yield write
     except FFmpegError as error:
         if error.errno in NO_ROOM:

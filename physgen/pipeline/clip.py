@@ -405,7 +405,7 @@ class _Run:
         text = scene_text(scene.document)
         parts = PageParts(player, self.perceived, changed, section)
         html = report_page(scene, world, record, first, shown, text, parts)
-        (folder / "report.html").write_text(html, encoding="utf-8")
+        (folder / "report.html").write_text(html, "utf-8", "backslashreplace")
 
 
 @dataclass(frozen=True)
@@ -467,12 +467,13 @@ def _kept(folder: Path, what: str) -> Problem:
 
 
 def write_manifest(record: RunRecord, folder: Path) -> None:
-    """Write the record, with the hashes and sizes of all files in the folder."""
-    from physgen.report.record import file_hash, write_json
+    """Write the record, with the hashes and sizes of all files in the folder, and its times apart."""
+    from physgen.report.record import TIMING, file_hash, write_json
 
-    for file in sorted(p for p in folder.rglob("*") if p.is_file()):
+    for file in sorted(p for p in folder.rglob("*") if p.is_file() and p != folder / TIMING):
         name = file.relative_to(folder).as_posix()
         record.files[name], record.sizes[name] = file_hash(file), file.stat().st_size
+    write_json(folder / TIMING, record.timing())
     write_json(folder / "manifest.json", record.manifest())
 
 

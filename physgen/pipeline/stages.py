@@ -22,6 +22,7 @@ from physgen.files import Stamp, file_stamp
 from physgen.pipeline.packs import scene_file
 from physgen.problems import InputError, Problem
 from physgen.progress import Progress, silent
+from physgen.text import quoted
 
 if TYPE_CHECKING:
     from physgen.compile.compile import Compiled
@@ -57,10 +58,22 @@ def load(
 
 
 def percepts(scene: Scene) -> Percepts | None:
-    """The photo and its maps; None for a scene without a photo."""
+    """The photo and its maps; None for a scene without a photo. Raises InputError at the place that names them."""
     from physgen.maps import read_percepts
 
-    return read_percepts(scene.image, scene.assets, scene.maps)
+    try:
+        return read_percepts(scene.image, scene.assets, scene.maps)
+    except InputError as error:
+        raise InputError(_named_in_scene(problem, scene) for problem in error.problems) from None
+
+
+def _named_in_scene(problem: Problem, scene: Scene) -> Problem:
+    """A problem of a picture, at the line of the scene that names the picture or its folder."""
+    key = "image" if problem.place.file == str(scene.image) else "assets"
+    if key not in scene.places:
+        return problem
+    name = quoted(Path(os.path.relpath(problem.place.file, os.path.realpath(scene.folder))).as_posix())
+    return replace(problem, place=scene.places[key], path=key, found=" ".join((name, problem.found)).strip())
 
 
 def compile(scene: Scene, maps: Percepts | None) -> Compiled:

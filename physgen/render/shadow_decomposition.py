@@ -55,6 +55,8 @@ class ShadowTuning:
 
 
 SHADOW = ShadowTuning()
+FAR = 1e6
+"""px, beyond any picture."""
 
 
 @dataclass(frozen=True)
@@ -391,6 +393,7 @@ def _owned(
             continue
         away = (_pasted(start, box) <= 0.5).astype(np.uint8)
         distance = cv2.distanceTransform(away, cv2.DIST_L2, 3)
+        distance = np.minimum(distance, FAR)  # it is 1e19 where the object is out of the picture
         claim = np.exp(-((distance / reach) ** 2)).astype(np.float32)
         if first is not None:
             (a, b, c, d), dark = first

@@ -17,6 +17,7 @@ from pathlib import Path
 
 from physgen.files import machine_id, partial
 from physgen.problems import InputError
+from physgen.report.record import TIMING
 
 _LEFT = re.compile(r"\.(?P<name>.+)\.(?P<process>\d{1,10})-(?P<machine>[0-9a-f]{8})\.(?P<kind>part|old)")
 _SWEPT: set[Path] = set()
@@ -95,7 +96,7 @@ TRIES = 20
 CLIPS = {"video.mp4", "trajectory.npz", "report.html", "truth", "events"}
 """Names in folders of clips."""
 OURS = re.compile(
-    r"manifest\.json|trajectory\.npz|report\.html|refinement\.png|fan\.csv"
+    r"(manifest|timing)\.json|trajectory\.npz|report\.html|refinement\.png|fan\.csv"
     r"|(video|unrefined)\.(mp4|gif|webp)|(frames|unrefined)/\d{5}\.png|truth/.+"
 )
 """Files of clips, used where a manifest is lost."""
@@ -174,7 +175,7 @@ def _strangers(folder: Path) -> list[str] | None:
         return []
     try:
         manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
-        own = {"manifest.json", *manifest["files"]} if manifest["manifest"] == 1 else None
+        own = {"manifest.json", TIMING, *manifest["files"]} if manifest["manifest"] == 1 else None
     except OSError:
         return None
     except (ValueError, KeyError, TypeError):  # ours, and damaged: a machine that lost its power left it so

@@ -31,7 +31,7 @@ from physgen.report.parameters import (
 )
 from physgen.report.perception import Perception
 from physgen.report.player import Data
-from physgen.report.record import RunRecord, peak_memory, versions
+from physgen.report.record import RunRecord, versions
 from physgen.report.refinement import RefinementStrip, refinement
 from physgen.report.uncertainty import UncertaintySection, dimmed_photo
 from physgen.scene.scene import Play, Render, Scene, View
@@ -260,12 +260,7 @@ def provenance(record: RunRecord, resolved: str, written: str | None = None) -> 
     texts = [] if written is None else [_source_text("Scene file", written)]
     separator = "" if texts else ","
     texts.append(_source_text(f"Scene file{separator} with every default filled in", resolved))
-    timed = [(name, stage) for name, stage in record.stages.items() if name != "report"]  # this page
-    stages = [(name, f"{stage.wall:.2f}", f"{stage.cpu:.2f}") for name, stage in timed]
-    facts = [
-        ("platform", f"{platform.system()}, {platform.machine()}"),
-        ("peak memory", f"{peak_memory() / 2**20:,.0f} MiB"),
-    ]
+    facts = [("platform", f"{platform.system()}, {platform.machine()}")]
     seeds = {name: seed for name, seed in record.seeds.items() if record.refine or name != "refine"}
     facts += [(f"seed of {name}", str(seed)) for name, seed in seeds.items()]
     facts += [] if record.variant is None else [("variant", record.variant)]
@@ -273,8 +268,6 @@ def provenance(record: RunRecord, resolved: str, written: str | None = None) -> 
     return {
         "command": shlex.join(record.command),
         "texts": texts,
-        "stages": stages,
-        "wall": f"{sum(stage.wall for _, stage in timed):.2f}",
         "facts": facts,
         "edits": record.overrides,
         "versions": versions(record.refine),

@@ -28,6 +28,8 @@ from physgen.scene.scene import Scene
 
 LIBRARIES = ("numpy", "pymunk", "opencv-python-headless", "av", "pillow")
 REFINING = ("torch", "diffusers")
+TIMING = "timing.json"
+"""Times and memory of a run: the one file that differs between equal runs."""
 """Libraries of models, which tell their versions where they ran."""
 
 
@@ -112,10 +114,6 @@ class RunRecord:
             "fan": self.fan,
             "refine": self.refine,
             "warnings": self.warnings,
-            "stages": {
-                name: {k: round(v, 4) for k, v in asdict(t).items()} for name, t in self.stages.items()
-            },
-            "peak_memory_mib": round(peak_memory() / 2**20, 1),
             "video": self.video,
             "files": self.files,
             "sizes": self.sizes,
@@ -124,6 +122,11 @@ class RunRecord:
             "unrefined": self.unrefined,
             "document": self.document,
         }
+
+    def timing(self) -> dict[str, Any]:
+        """What differs between equal runs, as JSON data."""
+        stages = {name: {k: round(v, 4) for k, v in asdict(t).items()} for name, t in self.stages.items()}
+        return {"stages": stages, "peak_memory_mib": round(peak_memory() / 2**20, 1)}
 
 
 def versions(refine: Mapping[str, Any] | None = None) -> dict[str, str]:
@@ -177,7 +180,9 @@ def source_of(path: Path, folder: Path) -> str:
 
 def write_json(path: Path, data: object) -> None:
     """Indented, UTF-8, under its final name when it is whole."""
-    write_atomic(path, json_text(data).encode("utf-8"))
+    write_atomic(
+        path, json_text(data).encode("utf-8", "backslashreplace")
+    )  # the path of a folder need not be text
 
 
 def json_text(data: object) -> str:

@@ -374,6 +374,7 @@ _FIXES = (
     ("cannot start any token", "indent with spaces, not tabs; put text that starts with @ or ` in quotes"),
     ("flow sequence", "close the ["),
     ("flow mapping", "close the {"),
+    ("invalid Unicode character escape", "write the character itself"),
     ("quoted scalar", "close the quote"),
     ("control characters", "take it out"),
 )

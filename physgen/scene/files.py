@@ -19,6 +19,8 @@ from physgen.scene.overlay import merge
 from physgen.text import shown
 
 MAX_EXTENDS = 10
+MAX_NAME_BYTES = 255
+"""Of a file or a folder: what file systems allow."""
 SUFFIXES = (".yaml", ".yml")
 MAPS = ("masks", "coverage", "background", "clean", "shadows", "depth", "normals", "albedo", "shading")
 """The files `NAME.png` of an assets folder."""
@@ -38,6 +40,8 @@ def confined(
     """The path that `written` means in `folder`; raises RefusedError when it leads out of `within`."""
     if "\0" in written:
         raise RefusedError("has a character that no path can have", "write the name of a file")
+    if max(len(os.fsencode(part)) for part in written.split("/")) > MAX_NAME_BYTES:
+        raise RefusedError("has too long a name", f"write a name of at most {MAX_NAME_BYTES} bytes")
     path = folder / written
     if allow_outside:
         return path

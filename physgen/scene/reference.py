@@ -7,7 +7,7 @@ from string import Template
 
 from physgen.files import MOST_PIXELS, SCENE_FORMATS, resource
 from physgen.scene.document import MAX_BYTES, MAX_DEPTH, MAX_NODES, MAX_OBJECTS
-from physgen.scene.files import MAX_EXTENDS, SUFFIXES
+from physgen.scene.files import MAX_EXTENDS, MAX_NAME_BYTES, SUFFIXES
 from physgen.scene.load import MAX_SET
 from physgen.scene.schema import Schema, expanded, measure
 from physgen.text import example, listed
@@ -51,6 +51,8 @@ def markdown() -> str:
         nodes=f"{MAX_NODES:,}",
         set=f"{MAX_SET:,}",
         objects=f"{MAX_OBJECTS:,}",
+        corners=f"{at('objects.*.shape.polygon')['maxItems']:,}",
+        name=MAX_NAME_BYTES,
         pixels=MOST_PIXELS // 10**6,
         formats=listed({"WEBP": "WebP"}.get(name, name) for name in SCENE_FORMATS),
         suffixes=listed(f"`{suffix}`" for suffix in SUFFIXES),

@@ -23,10 +23,11 @@ def clip(folder: Path, wall: float, **more: Any) -> Path:
               "refine": {"wall": 9.0, "cpu": 1.0}}  # fmt: skip
     told = {
         "manifest": 1, "samples": [], "scene": "a", "source": "../../scene.yaml",
-        "versions": {"physgen": "9"}, "stages": stages,
+        "versions": {"physgen": "9"},
         "platform": {"machine": "x", "system": "Y", "processor": "Abacus 3", "cores": 4, "memory_gib": 8.0},
         "device": "cpu", "video": {"size": [64, 48], "fps": 30}, "frames": ["a"] * 16, "document": {"objects": {}},
     }  # fmt: skip
+    (folder / "timing.json").write_text(json.dumps({"stages": more.pop("stages", stages)}))
     (folder / "manifest.json").write_text(json.dumps(told | more))
     return folder
 

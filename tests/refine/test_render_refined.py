@@ -45,7 +45,8 @@ def _exact(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 def rendered(*flags: str, code: int = 0) -> dict[str, object]:
     assert main.main(["render", "pair.yaml", *flags]) == code
-    return json.loads(Path("out/pair/manifest.json").read_text(encoding="utf-8"))
+    texts = [Path(f"out/pair/{name}.json").read_text(encoding="utf-8") for name in ("manifest", "timing")]
+    return json.loads(texts[0]) | json.loads(texts[1])
 
 
 def frames(path: str) -> list[np.ndarray]:

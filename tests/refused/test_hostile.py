@@ -5,6 +5,7 @@ Each is read by a process of its own under the kernel's limits, so that a crash 
 
 from __future__ import annotations
 
+import json
 import os
 import resource
 import struct
@@ -14,8 +15,12 @@ import zlib
 from collections.abc import Callable
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
+from physgen.cli.main import main
+from physgen.compile.warnings import LIMITS
 from physgen.problems import InputError
 from physgen.scene.load import load
 
@@ -124,8 +129,8 @@ TEXTS: dict[str, tuple[Callable[[], str], str]] = {
     ),
     "nine MiB": (lambda: "#" * (9 * 2**20), "scene.yaml: larger than 8 MiB; keep pixels in image files"),
     "tangled outline": (
-        lambda: HEAD + "objects: {a: {shape: {polygon: [" + _comb(80_000) + "]}}}\n",
-        "scene.yaml:3:32: objects.a.shape.polygon: crosses itself: the lines from corners 2 and 79999",
+        lambda: HEAD + "objects: {a: {shape: {polygon: [" + _comb(20_000) + "]}}}\n",
+        "scene.yaml:3:32: objects.a.shape.polygon: crosses itself: the lines from corners 2 and 19999",
     ),
     "too many variants": (
         lambda: (
@@ -291,13 +296,13 @@ def test_flags(value: str, tmp_path: Path) -> None:
 
 
 def test_many_corners_are_checked(tmp_path: Path) -> None:
-    """A contour of 80,000 corners is no attack; it is read within the same limits."""
+    """A contour of 20,000 corners is no attack; it is read within the same limits."""
     import math
 
     corners = ", ".join(
-        f"[{4000 + (3000 + n % 2) * math.cos(n / 80_000 * math.tau):.3f}, "
-        f"{4000 + (3000 + n % 2) * math.sin(n / 80_000 * math.tau):.3f}]"
-        for n in range(80_000)
+        f"[{4000 + (3000 + n % 2) * math.cos(n / 20_000 * math.tau):.3f}, "
+        f"{4000 + (3000 + n % 2) * math.sin(n / 20_000 * math.tau):.3f}]"
+        for n in range(20_000)
     )
     (tmp_path / "scene.yaml").write_text(
         f"physgen: 1\nsize: [9000, 9000]\nobjects: {{a: {{shape: {{polygon: [{corners}]}}}}}}\n"
@@ -317,3 +322,93 @@ def test_many_joints_and_fields(tmp_path: Path) -> None:
     fields = "".join(f"  f{n}: {{wind: [1, 0], drag: 1, objects: [{names}]}}\n" for n in range(40))
     (tmp_path / "scene.yaml").write_text(_balls(5000) + "joints:\n" + joints + "fields:\n" + fields)
     assert said(tmp_path) == []
+
+
+def test_overlapping_pairs_are_counted_not_listed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """1,000 circles in one place are 499,500 pairs: the first ones are named, and the others are a number."""
+    (tmp_path / "scene.yaml").write_text(_balls(1000))
+    assert main(["check", str(tmp_path / "scene.yaml")]) == 0
+    said = capsys.readouterr().err.splitlines()
+    named = [line for line in said if "overlaps ball-" in line]
+    (more,) = [line for line in said if "more pairs" in line]
+    assert LIMITS.pairs <= len(named) < LIMITS.pairs + 1000
+    assert f"{1000 * 999 // 2 - len(named):,} more pairs" in more
+
+
+@pytest.mark.parametrize("line", ["image: NAME.png", "assets: NAME", "extends: NAME.yaml"])
+def test_names_longer_than_a_file_system_takes(line: str, tmp_path: Path, here) -> None:
+    size = "" if line.startswith("image") else "size: [64, 48]\n"
+    (tmp_path / "scene.yaml").write_text(f"physgen: 1\n{size}{line.replace('NAME', 'a' * 300)}\n")
+    (message,) = here()
+    assert message.startswith(f"scene.yaml:{2 + bool(size)}:")
+    assert message.endswith("has too long a name; write a name of at most 255 bytes")
+
+
+@pytest.mark.parametrize("name", ["", " ", "a" * 300, "a\0b"])
+def test_names_of_results_that_cannot_be(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "scene.yaml").write_text(BALL)
+    with pytest.raises(SystemExit) as end:
+        main(["render", str(tmp_path / "scene.yaml"), "-o", name])
+    assert end.value.code == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("physgen render: argument -o/--output: ")
+
+
+def test_an_output_folder_whose_name_is_no_text(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("scene.yaml").write_text(BALL)
+    assert main(["render", "scene.yaml", "-o", "a\udcff", "--set", "world.duration=0.1"]) == 0
+    (folder,) = (tmp_path / "a\udcff").iterdir()
+    assert json.loads((folder / "manifest.json").read_text())["command"][4] == "a\udcff"
+
+
+def test_a_picture_that_ends_early_is_named_by_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pixels = np.random.default_rng(0).integers(0, 255, (48, 64, 3), np.uint8)
+    data = cv2.imencode(".png", pixels)[1].tobytes()
+    (tmp_path / "photo.png").write_bytes(data[: len(data) // 2])
+    (tmp_path / "scene.yaml").write_text("physgen: 1\nimage: photo.png\n")
+    assert main(["check", str(tmp_path / "scene.yaml")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f'{tmp_path}/scene.yaml:2:8: image: "photo.png" is not a picture that can be read')
+
+
+def test_a_photo_of_a_few_pixels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    cv2.imwrite(str(tmp_path / "photo.png"), np.zeros((1, 7, 3), np.uint8))
+    assert main(["perceive", str(tmp_path / "photo.png")]) == 2
+    assert (
+        "7 x 1 px is too small to find objects in; use a photo of at least 32 px a side"
+        in capsys.readouterr().err
+    )
+
+
+def test_a_disk_without_room_for_a_header(tmp_path: Path) -> None:
+    """PyAV would crash: the run ends with a message, and leaves nothing."""
+    code = (
+        "import resource, signal, sys; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (10, 10));"
+        "from physgen.cli.main import main; sys.exit(main(sys.argv[1:]))"
+    )
+    (tmp_path / "scene.yaml").write_text(BALL)
+    flags = ["render", "scene.yaml", "-o", "out", "--set", "world.duration=0.1", "--report", "none"]
+    done = subprocess.run([sys.executable, "-c", code, *flags], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert "no room left" in done.stderr
+    assert not list(tmp_path.rglob("*.part"))
+
+
+def test_equal_runs_differ_in_one_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = []
+    for name in ("one", "two"):
+        home = tmp_path / name
+        home.mkdir()
+        monkeypatch.chdir(home)
+        Path("ball.yaml").write_text(BALL)
+        assert main(["render", "ball.yaml", "-o", "out", "--set", "world.duration=0.1"]) == 0
+        made.append({str(p.relative_to(home)): p.read_bytes() for p in home.rglob("*") if p.is_file()})
+    assert len(made[0]) > 5
+    assert made[0].keys() == made[1].keys()
+    assert [name for name in made[0] if made[0][name] != made[1][name]] == ["out/ball/timing.json"]

@@ -1,4 +1,4 @@
-"""Times of the stages add up; all that is needed to repeat a run is on the page, escaped."""
+"""All that is needed to repeat a run is on the page, escaped."""
 
 from __future__ import annotations
 
@@ -7,26 +7,22 @@ import re
 
 from physgen.report.html import template
 from physgen.report.page import provenance
-from physgen.report.record import RunRecord, StageTime
+from physgen.report.record import RunRecord
 
 
 def record() -> RunRecord:
     made = RunRecord(scene="lesson", command=["physgen", "render", "a b.yaml", "--set", "x=<i>"])
-    made.stages = {"load": StageTime(0.5, 0.4), "render": StageTime(1.5, 2.5), "report": StageTime(9.0, 9.0)}
     made.inputs, made.seeds, made.frames = {"<b>.yaml": "ab" * 32}, {"refine": 7}, ["x", "y"]
     made.overrides, made.refine = ["x=<i>", "y=2"], {"backend": "wan"}
     return made
 
 
-def test_stages_and_facts_are_those_of_the_record() -> None:
+def test_facts_are_those_of_the_record() -> None:
     found = provenance(record(), "a: 1\n")
-    assert [(name, wall) for name, wall, _ in found["stages"]] == [("load", "0.50"), ("render", "1.50")]
-    assert found["wall"] == "2.00"
     assert ("seed of refine", "7") in found["facts"]
     assert found["edits"] == ["x=<i>", "y=2"]
     nothing = provenance(RunRecord(scene="", command=[], seeds={"refine": 7}), "")
     assert not [name for name, _ in nothing["facts"] if name.startswith("seed")], "nobody refined"
-    assert nothing["stages"] == []
     assert nothing["frames"] == ""
 
 
@@ -42,7 +38,6 @@ def test_the_page_says_what_is_needed_to_repeat_the_run() -> None:
         "physgen render 'a b.yaml' --set 'x=<i>'",
         "# as written",
         "ab" * 32,
-        "render 1.50 s",
         "python",
         "numpy",
     ):

@@ -1,0 +1,726 @@
+"""Hostile input in numbers: mutated scenes, pictures, maps, packs, disks, interrupted and concurrent runs, editor requests.
+
+    python benchmarks/attack.py                            # one minute, seed 0
+    python benchmarks/attack.py --minutes 20 --seed 3      # longer
+    python benchmarks/attack.py --only scenes --count 5000 # one kind of attack, so many times
+
+Each input goes to a command in a process of its own under limits of the kernel. A failure is a traceback, a warning of a
+library, an exit code other than 0 or 2, over 20 s of processor time, over 1.5 GB (1 GB where the input is refused), a
+message without place or remedy, or a file left over. Failures are made small and kept under out/attack. Exit code 1 on
+any. The same seed makes the same inputs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import io
+import json
+import os
+import random
+import re
+import resource
+import shutil
+import signal
+import string
+import subprocess
+import sys
+import tempfile
+import time
+import traceback
+import warnings
+import zipfile
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from urllib.parse import quote
+
+import cv2
+import httpx
+import numpy as np
+import yaml
+
+from physgen import pipeline  # imported before forking, so that a child starts at once
+from physgen.cli.main import main as physgen
+from physgen.scene.pack import pack_scene
+
+ROOT = Path(__file__).resolve().parent.parent
+SECONDS = 20
+"""Processor time that a command may take, s."""
+MEMORY, REFUSED_MEMORY = 1.5e9, 1.0e9
+"""Bytes that a command may hold; less where it refuses its input."""
+ADDRESSES = 6 * 10**9
+"""Bytes of address space: far more than may be held, so that the machine is safe."""
+HANG = 60
+"""Wall time after which a command is killed, s."""
+LONGEST = 2_000
+"""Characters of one message."""
+MESSAGE = re.compile(r"^(?P<place>[^\n]*?): (?P<what>.+); (?P<fix>.+)$")
+NOT_MESSAGES = re.compile(r"was there already and differed; kept as|^interrupted$")
+NOISE = re.compile(r"Traceback|Warning:|Segmentation|^\s+File \"")
+FRAMES = ("--set", "world.duration=0.1", "--set", "render.fps=10", "--report", "none", "--jobs", "1")
+"""What makes a render of any scene short."""
+
+
+@dataclass
+class Result:
+    """What a command did with an input."""
+
+    code: int
+    seconds: float
+    """Of processor time."""
+    memory: int
+    """Bytes at most."""
+    out: str
+    err: str
+    faults: list[str] = field(default_factory=list)
+
+
+def run(folder: Path, *arguments: str, prepare: Callable[[], None] | None = None) -> Result:
+    """A command in a child of this process, in `folder`."""
+    streams = [tempfile.TemporaryFile() for _ in range(2)]
+    pid = os.fork()
+    if pid == 0:
+        try:
+            os.chdir(folder)
+            for number, stream in enumerate(streams, 1):
+                os.dup2(stream.fileno(), number)
+            resource.setrlimit(resource.RLIMIT_CPU, (SECONDS + 5, SECONDS + 6))
+            resource.setrlimit(resource.RLIMIT_AS, (ADDRESSES, ADDRESSES))
+            resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+            if prepare:
+                prepare()
+            code = physgen(arguments)
+        except SystemExit as end:
+            code = end.code if isinstance(end.code, int) else 1
+        except BaseException:
+            traceback.print_exc()
+            code = 70
+        with open(os.devnull, "w"):  # as the interpreter does at its end
+            sys.stdout.flush()
+            sys.stderr.flush()
+        os._exit(code)
+    end = time.monotonic() + HANG
+    while True:
+        found, status, usage = os.wait4(pid, os.WNOHANG)
+        if found:
+            break
+        if time.monotonic() > end:
+            os.kill(pid, signal.SIGKILL)
+        time.sleep(0.002)
+    texts = []
+    for stream in streams:
+        stream.seek(0)
+        texts.append(stream.read(10**6).decode("utf-8", "backslashreplace"))
+        stream.close()
+    code = os.waitstatus_to_exitcode(status)
+    return Result(code, usage.ru_utime + usage.ru_stime, usage.ru_maxrss * 1024, *texts)
+
+
+def judge(result: Result, base: int, codes: tuple[int, ...] = (0, 2)) -> list[str]:
+    """What is wrong with a result; `base` are the bytes that this process itself holds."""
+    faults = []
+    if result.code not in codes:
+        faults.append(f"exit code {result.code}")
+    if NOISE.search(result.err):
+        faults.append("traceback or a library's warning")
+    if result.seconds > SECONDS:
+        faults.append("too slow")
+    limit = REFUSED_MEMORY if result.code == 2 else MEMORY
+    if max(result.memory, base) > limit:
+        faults.append("too much memory")
+    lines = result.err.splitlines()
+    if result.code == 2 and not any(MESSAGE.match(line) for line in lines):
+        faults.append("refused without place and remedy")
+    for line in lines:
+        if len(line) > LONGEST:
+            faults.append("too long a message")
+        elif result.code == 2 and not MESSAGE.match(line) and not NOT_MESSAGES.search(line):
+            faults.append("a message without place and remedy")
+        elif str(ROOT) in line or tempfile.gettempdir() in line:
+            faults.append("a path that the user did not write")
+    return list(dict.fromkeys(faults))
+
+
+# Scenes
+
+NUMBERS = (0, -1, 1, 0.5, 1e9, -1e9, 1e-12, 1e300, 3.14, 2**31, 2**63, 10**30, 170, 90)
+TEXTS = (
+    "",
+    "x",
+    "auto",
+    "none",
+    "true",
+    "../..",
+    "/etc/passwd",
+    "a/b",
+    "é",
+    "𝛑",
+    "\ud800",
+    "%s",
+    "{}",
+    "a" * 3000,
+    "\0",
+    "\u202e",
+)
+KEYS = (
+    "objects",
+    "ball",
+    "block",
+    "forces",
+    "world",
+    "gravity",
+    "velocity",
+    "variants",
+    "shape",
+    "*",
+    "a.b",
+    "mass",
+    "0",
+)
+REQUESTS = 30
+"""Of one editor."""
+RAW = ("&a", "*a", "!!python/name:os.system", "? ", "- ", "{", "}", "[", "]", ": ", "#", "|", ">", "'", '"', "\t", "%YAML 2.0",
+       "---\n", "...\n", "<<: ", "~", ".nan", ".inf", "0x1F", "1_000", "1:30", "\r", "\ufeff", "\u2028", "@", "`")  # fmt: skip
+
+
+def seeds() -> list[Path]:
+    """Scenes that are right, and the wrong ones of the tests."""
+    return [*sorted(ROOT.glob("scenes/*/scene.yaml")), *sorted(ROOT.glob("tests/refused/cases/*.yaml"))]
+
+
+def value(chance: random.Random, depth: int = 0) -> object:
+    kind = chance.randrange(8 if depth < 3 else 5)
+    if kind < 2:
+        return chance.choice(NUMBERS) * chance.choice((1, 1, chance.random()))
+    if kind < 4:
+        return chance.choice((*TEXTS[:10], None, True, False))
+    if kind == 4:
+        return [chance.choice(NUMBERS) for _ in range(chance.randrange(4))]
+    if kind == 5:
+        return [value(chance, depth + 1) for _ in range(chance.randrange(5))]
+    return {
+        chance.choice((*TEXTS[:8], "center", "radius", "mask", "mass")): value(chance, depth + 1)
+        for _ in range(3)
+    }
+
+
+def places(node: object, path: tuple = ()) -> Iterator[tuple]:
+    """Paths of all values below a node."""
+    below = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
+    for key, child in below:
+        yield (*path, key)
+        yield from places(child, (*path, key))
+
+
+def mutate_tree(data: dict, chance: random.Random) -> str:
+    """Values replaced, removed, doubled, moved and multiplied."""
+    for _ in range(chance.choice((1, 1, 2, 4))):
+        paths = list(places(data))
+        path = chance.choice(paths)
+        holder = data
+        for key in path[:-1]:
+            holder = holder[key]
+        what, old = chance.randrange(9), holder[path[-1]]
+        if what == 0:
+            del holder[path[-1]]
+        elif what == 1 and isinstance(old, int | float) and not isinstance(old, bool):
+            holder[path[-1]] = old * chance.choice((-1, 0, 1e-6, 1e3, 1e6, 1e12))
+        elif what == 2 and isinstance(old, list) and old:
+            holder[path[-1]] = old * chance.choice((0, 2, 50, 2000))
+        elif what == 3 and isinstance(old, dict):
+            old.update({f"n{k}": value(chance) for k in range(chance.choice((1, 3, 300)))})
+        elif what == 4:
+            other = data
+            for key in chance.choice(paths):
+                other = other[key] if isinstance(other, list | dict) else other
+            holder[path[-1]] = copy.deepcopy(other)
+        elif what == 5 and isinstance(holder, dict):
+            holder[chance.choice(TEXTS[:10]) or str(path[-1]).upper()] = old
+        elif what == 6 and isinstance(old, str):
+            holder[path[-1]] = chance.choice((old[::-1], old + "x", old * 400, old[:1], chance.choice(TEXTS)))
+        else:
+            holder[path[-1]] = value(chance)
+        if not data:
+            break
+    return yaml.dump(json.loads(json.dumps(data, default=str)), allow_unicode=True, sort_keys=False)
+
+
+def mutate_text(text: str, chance: random.Random) -> bytes:
+    """Lines moved, characters changed, encodings mixed."""
+    lines = text.splitlines(keepends=True) or ["physgen: 1\n"]
+    for _ in range(chance.choice((1, 1, 2, 5))):
+        at, what = chance.randrange(len(lines)), chance.randrange(7)
+        if what == 0:
+            lines.insert(chance.randrange(len(lines)), lines[at])
+        elif what == 1:
+            lines[at] = lines[at].replace("  ", chance.choice((" ", "   ", "\t", "")), 1)
+        elif what == 2 and len(lines) > 2:
+            del lines[at]
+        else:
+            cut = chance.randrange(len(lines[at]) + 1)
+            insert = chance.choice(
+                (*RAW, *TEXTS, str(chance.choice(NUMBERS)), chance.choice(string.printable))
+            )
+            lines[at] = lines[at][:cut] + insert + lines[at][cut + chance.randrange(2) :]
+    whole = "".join(lines)
+    if chance.random() < 0.03:
+        return whole.encode(chance.choice(("utf-16", "latin-1", "utf-32", "cp1252")), "replace")
+    data = whole.encode("utf-8", "surrogatepass")
+    if chance.random() < 0.05:
+        data = data[: chance.randrange(len(data))]
+    return data
+
+
+def scenes(folder: Path, chance: random.Random) -> Iterator[tuple[str, ...]]:
+    """One mutated scene, checked, simulated for a tenth of a second and now and then rendered."""
+    seed = chance.choice(seeds())
+    if seed.name == "scene.yaml":
+        shutil.copytree(seed.parent, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("*.md"))
+    text = seed.read_text(encoding="utf-8")
+    data = None
+    if chance.random() < 0.6:
+        try:
+            data = yaml.safe_load(text)
+        except yaml.YAMLError:
+            data = None
+    if isinstance(data, dict) and data:
+        mutated = mutate_tree(data, chance).encode("utf-8", "surrogatepass")
+    else:
+        mutated = mutate_text(text, chance)
+    (folder / "scene.yaml").write_bytes(mutated)
+    yield ("check", "scene.yaml")
+    yield ("simulate", "scene.yaml", "--set", "world.duration=0.1", "-o", "out.csv")
+    if chance.random() < 0.1:
+        yield ("render", "scene.yaml", "-o", "clips", *FRAMES)
+
+
+# Pictures, maps and packs
+
+
+def damaged(data: bytes, chance: random.Random) -> bytes:
+    """Bytes cut, flipped, doubled or replaced."""
+    what = chance.randrange(6)
+    if what == 0:
+        return data[: chance.randrange(len(data) + 1)]
+    if what == 1:
+        return chance.randbytes(chance.choice((0, 1, 100, 10_000)))
+    changed = bytearray(data)
+    for _ in range(chance.choice((1, 10, 300))):
+        changed[chance.randrange(chance.choice((40, len(changed))))] = chance.randrange(256)
+    return bytes(changed) if what < 5 else bytes(changed) + data
+
+
+def odd_picture(chance: random.Random) -> bytes:
+    """A readable picture of an odd size, depth or number of channels."""
+    height, width = (chance.choice((1, 2, 7, 64, 480, 900)) for _ in range(2))
+    channels = chance.choice((1, 3, 4))
+    kind = chance.choice((np.uint8, np.uint16))
+    pixels = np.random.default_rng(chance.randrange(2**32)).integers(
+        0, np.iinfo(kind).max, (height, width, channels)
+    )
+    return cv2.imencode(".png", pixels.astype(kind))[1].tobytes()
+
+
+def pictures(folder: Path, chance: random.Random) -> Iterator[tuple[str, ...]]:
+    """One picture of a scene damaged, or exchanged for another."""
+    seed = chance.choice(sorted(ROOT.glob("scenes/*/scene.yaml"))).parent
+    shutil.copytree(seed, folder, dirs_exist_ok=True)
+    files = sorted(path for path in folder.rglob("*") if path.suffix in (".png", ".jpg", ".webp"))
+    if not files:
+        return
+    target = chance.choice(files)
+    what = chance.randrange(4)
+    if what < 2:
+        target.write_bytes(damaged(target.read_bytes(), chance))
+    elif what == 2:
+        target.write_bytes(odd_picture(chance))
+    else:
+        target.write_bytes(chance.choice(files).read_bytes())
+    yield ("check", "scene.yaml")
+    yield ("render", "scene.yaml", "-o", "clips", *FRAMES)
+
+
+def photos(folder: Path, chance: random.Random) -> Iterator[tuple[str, ...]]:
+    """One odd or damaged picture, perceived."""
+    seed = chance.choice(sorted(ROOT.glob("scenes/*/photo.png")))
+    small = cv2.imencode(".png", cv2.resize(cv2.imread(str(seed)), (160, 120)))[1].tobytes()
+    data = odd_picture(chance) if chance.random() < 0.4 else damaged(small, chance)
+    (folder / "photo.png").write_bytes(data)
+    yield ("perceive", "photo.png", "-o", "made.yaml")
+
+
+def packs(folder: Path, chance: random.Random) -> Iterator[tuple[str, ...]]:
+    """One pack damaged in its bytes or in its list of members."""
+    seed = chance.choice(sorted(ROOT.glob("scenes/*/scene.yaml")))
+    data = _packed(seed)
+    if chance.random() < 0.5:
+        (folder / "a.physgen").write_bytes(damaged(data, chance))
+    else:
+        with (
+            zipfile.ZipFile(io.BytesIO(data)) as source,
+            zipfile.ZipFile(folder / "a.physgen", "w") as target,
+        ):
+            for info in source.infolist():
+                content = source.read(info)
+                name = info.filename
+                what = chance.randrange(8)
+                if what == 0:
+                    name = chance.choice(
+                        ("", "/", "..", "../x", "a//b", "a" * 300, "\u202e.png", "C:x", "a\\b", "pack.json")
+                    )
+                elif what == 1:
+                    content = damaged(content, chance)
+                elif what == 2:
+                    continue
+                with warnings.catch_warnings(action="ignore"):  # of two members of one name
+                    target.writestr(zipfile.ZipInfo(name), content)
+    yield ("unpack", "a.physgen", "-o", "unpacked")
+
+
+_PACKS: dict[Path, bytes] = {}
+
+
+def _packed(scene: Path) -> bytes:
+    if scene not in _PACKS:
+        _PACKS[scene] = pack_scene(scene)
+    return _PACKS[scene]
+
+
+# Disks, arguments, runs
+
+
+def arguments(folder: Path, chance: random.Random) -> Iterator[tuple[str, ...]]:
+    """Odd names of files and values of flags."""
+    seed = chance.choice(sorted(ROOT.glob("scenes/*/scene.yaml"))).parent
+    shutil.copytree(seed, folder, dirs_exist_ok=True)
+    odd = (
+        "",
+        " ",
+        ".",
+        "..",
+        "/dev/null",
+        "/proc/self/mem",
+        "a" * 300,
+        "é\udcff",
+        "-x",
+        "x\ny",
+        "nowhere/at/all",
+        "scene.yaml",
+        "photo.png",
+    )
+    name = chance.choice(odd)
+    number = chance.choice(("0", "-1", "1e9", "nan", "inf", "", "x", "999999999999999999999"))
+    lines = (
+        ("render", "scene.yaml", "-o", name, *FRAMES),
+        ("simulate", "scene.yaml", "-o", name, "--set", "world.duration=0.1"),
+        ("check", name),
+        ("perceive", name),
+        ("unpack", name, "-o", "unpacked"),
+        ("pack", "scene.yaml", "-o", name),
+        ("gallery", name),
+        ("verify", name),
+        ("check", "scene.yaml", "--set", f"world.duration={number}"),
+        ("check", "scene.yaml", "--set", name),
+        ("check", "scene.yaml", "--variant", name),
+        ("render", "scene.yaml", "-o", "clips", "--jobs", number),
+        ("simulate", "scene.yaml", "--rate", number),
+        ("sweep", "scene.yaml", name, "-o", "clips"),
+        ("export", "scene.yaml", "-o", name, "--format", "coco"),
+    )
+    yield chance.choice(lines)
+
+
+def disks(folder: Path, chance: random.Random) -> Iterator[tuple[str, ...]]:
+    """A render onto a disk that is full after some bytes, or into a folder that cannot be written."""
+    seed = ROOT / "scenes/wall-ball"
+    shutil.copytree(seed, folder / "scene", dirs_exist_ok=True)
+    (folder / "clips").mkdir()
+    yield ("render", "scene/scene.yaml", "-o", "clips", *FRAMES)
+
+
+def full_disk(chance: random.Random) -> Callable[[], None]:
+    room = chance.choice((0, 10, 1000, 20_000, 100_000))
+
+    def prepare() -> None:
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # a write beyond the room fails, as on a full disk
+        resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))
+
+    return prepare
+
+
+def leftovers(folder: Path) -> list[str]:
+    """Files and folders under names that only last while something is written."""
+    found = (
+        path
+        for path in folder.rglob("*")
+        if path.name.endswith((".part", ".old", ".tmp")) or ".part" in path.suffixes
+    )
+    return [str(path.relative_to(folder)) for path in found]
+
+
+def interrupted(folder: Path, chance: random.Random) -> list[str]:
+    """A render stopped at a random moment, then run again: whole clips alone under their names, and nothing left over."""
+    out = folder / "clips"
+    command = [
+        sys.executable,
+        "-m",
+        "physgen",
+        "render",
+        str(ROOT / "scenes/wall-ball/scene.yaml"),
+        "-o",
+        str(out),
+        *FRAMES,
+    ]
+    sent = chance.choice((signal.SIGINT, signal.SIGTERM, signal.SIGKILL))
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True,
+                               preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler))  # fmt: skip
+    time.sleep(chance.uniform(0, 2.5))
+    process.send_signal(sent)
+    _, err = process.communicate(timeout=HANG)
+    faults = ["traceback or a library's warning"] if NOISE.search(err) and process.returncode != 1 else []
+    if sent != signal.SIGKILL:
+        faults += [f"left over after {sent.name}: {name}" for name in leftovers(folder)]
+    again = subprocess.run(command, capture_output=True, text=True, timeout=HANG)
+    faults += (
+        []
+        if again.returncode == 0
+        else [f"exit code {again.returncode} after {sent.name}: {again.stderr[-300:]}"]
+    )
+    faults += [f"left over after the run that followed {sent.name}: {name}" for name in leftovers(folder)]
+    return faults
+
+
+def concurrent(folder: Path, chance: random.Random) -> list[str]:
+    """Two runs of the same scene into the same folder."""
+    command = [
+        sys.executable,
+        "-m",
+        "physgen",
+        "render",
+        str(ROOT / "scenes/wall-ball/scene.yaml"),
+        "-o",
+        str(folder / "clips"),
+        *FRAMES,
+    ]
+    both = [
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) for _ in range(2)
+    ]
+    said = [process.communicate(timeout=HANG) for process in both]
+    faults = [
+        f"exit code {p.returncode} beside another run: {err[-300:]}"
+        for p, (_, err) in zip(both, said, strict=True)
+        if p.returncode
+    ]
+    if not (folder / "clips" / "wall-ball" / "video.mp4").is_file():
+        faults.append("no clip of two runs")
+    return faults + [f"left over: {name}" for name in leftovers(folder)]
+
+
+def editor(folder: Path, chance: random.Random) -> list[str]:
+    """Requests made from the editor's own OpenAPI: each is answered in time, and none with an error of the server."""
+    seed = chance.choice(sorted(ROOT.glob("scenes/*/scene.yaml")))
+    shutil.copytree(seed.parent, folder, dirs_exist_ok=True)
+    command = [sys.executable, "-m", "physgen", "edit", str(folder / "scene.yaml"), "--no-browser", "--json"]
+    server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    faults = []
+    try:
+        address = json.loads(server.stdout.readline())["address"]
+        client = httpx.Client(base_url=address.split("?")[0].split("#")[0], timeout=SECONDS)
+        token = re.search(r"token=([\w-]+)", address)
+        client.headers["X-Physgen-Token"] = token[1] if token else ""
+        interface = client.get("/api/openapi.json").json()
+        paths, parts = interface["paths"], interface.get("components", {}).get("schemas", {})
+        for _ in range(REQUESTS):
+            path = chance.choice(sorted(paths))
+            method = chance.choice(sorted(paths[path]))
+            wanted = paths[path][method]
+            names = {
+                item["name"]: str(filled(item["schema"], parts, chance)).encode("utf-8", "replace")
+                for item in wanted.get("parameters", ())
+                if item["in"] == "query"
+            }
+            address = re.sub(
+                r"{\w+}", lambda _: quote(chance.choice(("0", "x", "..", "é", "a" * 300)), safe=""), path
+            )
+            body = wanted.get("requestBody", {}).get("content", {}).get("application/json", {}).get("schema")
+            sent = json.dumps(filled(body, parts, chance) if body else value(chance)).encode(
+                "utf-8", "surrogatepass"
+            )
+            try:
+                answer = client.request(
+                    method, address, params=names, content=sent, headers={"Content-Type": "application/json"}
+                )
+            except httpx.HTTPError as error:
+                faults.append(f"{type(error).__name__} for {method} {path}")
+                continue
+            if answer.status_code >= 500:
+                faults.append(f"{answer.status_code} for {method} {path}: {sent[:300]!r}")
+    finally:
+        server.send_signal(signal.SIGINT)
+        try:
+            _, err = server.communicate(timeout=20)
+        except subprocess.TimeoutExpired:
+            server.kill()
+            _, err = server.communicate()
+            faults.append("does not end on SIGINT")
+    if NOISE.search(err):
+        faults.append(f"traceback or a library's warning: {err[-400:]}")
+    return faults
+
+
+def filled(schema: dict, parts: dict, chance: random.Random, depth: int = 0) -> object:
+    """A value that mostly fits a part of the OpenAPI."""
+    if chance.random() < 0.08 or depth > 6:
+        return value(chance)
+    if "$ref" in schema:
+        return filled(parts[schema["$ref"].rsplit("/", 1)[1]], parts, chance, depth + 1)
+    if "const" in schema or "enum" in schema:
+        return schema.get("const", chance.choice(schema.get("enum", [None])))
+    for several in ("anyOf", "oneOf"):
+        if several in schema:
+            return filled(chance.choice(schema[several]), parts, chance, depth + 1)
+    kind = schema.get("type")
+    if kind == "object":
+        keys = schema.get("properties", {})
+        return {
+            key: filled(part, parts, chance, depth + 1) for key, part in keys.items() if chance.random() < 0.9
+        }
+    if kind == "array":
+        return [filled(schema.get("items", {}), parts, chance, depth + 1) for _ in range(chance.randrange(4))]
+    if kind == "integer":
+        return chance.choice((0, 0, 1, 2, -1, 2**40))
+    if kind == "number":
+        return chance.choice(NUMBERS)
+    if kind == "boolean":
+        return chance.random() < 0.5
+    if kind == "null":
+        return None
+    return chance.choice((*TEXTS, *KEYS)) if kind == "string" else chance.choice((*KEYS, value(chance)))
+
+
+# The campaign
+
+COMMANDS: dict[str, Callable[[Path, random.Random], Iterator[tuple[str, ...]]]] = {
+    "scenes": scenes,
+    "pictures": pictures,
+    "photos": photos,
+    "packs": packs,
+    "arguments": arguments,
+    "disks": disks,
+}
+RUNS = {"interrupted": interrupted, "concurrent": concurrent, "editor": editor}
+SHARE = {
+    "scenes": 61,
+    "pictures": 8,
+    "photos": 4,
+    "packs": 8,
+    "arguments": 12,
+    "disks": 3,
+    "interrupted": 1,
+    "concurrent": 1,
+    "editor": 2,
+}
+"""Of 100 inputs, about; `scenes` are the quickest."""
+
+
+def attack(
+    kind: str, folder: Path, chance: random.Random, base: int
+) -> tuple[list[str], list[tuple[str, ...]]]:
+    """The faults that one input of a kind showed, and the commands that showed them."""
+    if kind in RUNS:
+        return RUNS[kind](folder, chance), []
+    faults, shown = [], []
+    for command in COMMANDS[kind](folder, chance):
+        before = set(folder.rglob("*"))
+        prepare = full_disk(chance) if kind == "disks" else None
+        result = run(folder, *command, prepare=prepare)
+        found = judge(result, base, (0, 1, 2) if kind == "disks" else (0, 2))
+        found += [f"left over: {re.sub(r'[0-9a-f]{6,}|[0-9]+', 'N', name)}" for name in leftovers(folder)]
+        if result.code == 2 and any(path.is_file() and path not in before for path in folder.rglob("*")):
+            found.append("refused, and wrote a file")
+        if found:
+            faults += found
+            shown.append(command)
+            (folder / "stderr.txt").write_text(result.err, encoding="utf-8", errors="backslashreplace")
+        if result.code != 0:
+            break
+    return list(dict.fromkeys(faults)), shown
+
+
+def minimal(folder: Path, command: tuple[str, ...], faults: list[str], base: int, tries: int = 60) -> None:
+    """Takes lines out of a scene while the same command shows the same fault."""
+    scene = folder / "scene.yaml"
+    if not scene.is_file() or "too slow" in faults:
+        return
+    lines = scene.read_bytes().splitlines(keepends=True)
+    step = max(1, len(lines) // 2)
+    while step and tries:
+        for at in range(0, len(lines), step):
+            tries -= 1
+            fewer = lines[:at] + lines[at + step :]
+            scene.write_bytes(b"".join(fewer))
+            if tries > 0 and set(judge(run(folder, *command), base)) & set(faults):
+                lines = fewer
+                break
+        else:
+            step //= 2
+        if tries <= 0:
+            break
+    scene.write_bytes(b"".join(lines))
+
+
+def campaign(minutes: float, seed: int, kinds: list[str], count: int | None, out: Path) -> dict:
+    """Attacks until the time is over, or `count` of them; the counts of inputs and of faults."""
+    end = time.monotonic() + 60 * minutes
+    base = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    inputs: Counter[str] = Counter()
+    faults: Counter[str] = Counter()
+    shutil.rmtree(out, ignore_errors=True)
+    weights = [SHARE[kind] for kind in kinds]
+    number = 0
+    while (number < count) if count else (time.monotonic() < end):
+        chance = random.Random(f"{seed} {number}")
+        (kind,) = chance.choices(kinds, weights)
+        with tempfile.TemporaryDirectory(prefix="attack-") as name:
+            folder = Path(name) / "home"
+            folder.mkdir()
+            found, shown = attack(kind, folder, chance, base)
+            inputs[kind] += 1
+            for fault in found:
+                faults[f"{kind}: {fault}"] += 1
+            if found and max(faults[f"{kind}: {fault}"] for fault in found) <= 3:
+                if shown:
+                    minimal(folder, shown[-1], found, base)
+                kept = out / f"{kind}-{number}"
+                shutil.copytree(folder, kept, dirs_exist_ok=True, ignore_dangling_symlinks=True)
+                (kept / "attack.json").write_text(
+                    json.dumps({"seed": seed, "number": number, "faults": found, "commands": shown}, indent=1)
+                )
+                print(f"{kind} {number}: {', '.join(found)}", file=sys.stderr, flush=True)
+        number += 1
+    return {"seed": seed, "inputs": dict(inputs), "faults": dict(faults)}
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--minutes", type=float, default=1)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--only", nargs="*", choices=list(SHARE), default=list(SHARE))
+    parser.add_argument("--count", type=int, help="inputs, instead of minutes")
+    parser.add_argument(
+        "-o", "--output", type=Path, default=ROOT / "out/attack", help="folder of what failed"
+    )
+    options = parser.parse_args()
+    cv2.setNumThreads(1)
+    assert pipeline
+    done = campaign(options.minutes, options.seed, options.only, options.count, options.output)
+    print(json.dumps(done, indent=1))
+    return 1 if done["faults"] else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
