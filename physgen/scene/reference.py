@@ -9,7 +9,7 @@ from physgen.files import MOST_PIXELS, SCENE_FORMATS, resource
 from physgen.scene.document import MAX_BYTES, MAX_DEPTH, MAX_NODES, MAX_OBJECTS
 from physgen.scene.files import MAX_EXTENDS, MAX_NAME_BYTES, SUFFIXES
 from physgen.scene.load import MAX_SET
-from physgen.scene.schema import Schema, expanded, measure
+from physgen.scene.schema import Schema, at, expanded, measure
 from physgen.text import example, listed
 
 EXAMPLE = """\
