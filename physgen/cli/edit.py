@@ -44,7 +44,8 @@ def edit(options: argparse.Namespace) -> int:
             print_error(f"{scene}: goes on where the editor ended before it was saved")
         if options.host not in ("127.0.0.1", "::1", "localhost"):
             print_error(
-                f"--host {options.host}: whoever reaches this machine and has the address can edit the scene"
+                f"--host {options.host}: whoever reaches this machine and has the address, which holds a token, "
+                "can edit the scene, see its photo and render; requests without the token are refused"
             )
         _print_address(options, scene, editor.address)
         if options.browser:

@@ -18,10 +18,11 @@ from fastapi.security import APIKeyHeader
 from pydantic import Field, JsonValue
 from starlette.responses import FileResponse, JSONResponse, Response
 
-from physgen.edit.errors import EditError, Why, overtaken
+from physgen.edit.errors import EditError, Why, impossible, overtaken
 from physgen.edit.operations import Body, Op
 from physgen.edit.render_job import RenderJob
 from physgen.edit.session import EditRequest, Session, Words
+from physgen.text import quoted
 
 TOKEN = "x-physgen-token"
 MAX_OPS = 1000
@@ -240,6 +241,11 @@ def correct(served: Served, body: MaskEdit) -> Response:
 @api.post("/api/render")
 def render(served: Served, body: Render) -> Response:
     """Save, and start to render."""
+    unknown = set(body.variants or ()) - {None, *served.session.variants()}
+    if unknown:
+        raise impossible(
+            f"the scene has no variant {quoted(str(unknown.pop()))}", "choose one of its variants"
+        )
     served.session.save_for_rendering(body.version)
     job = served.rendering.start(body.variants, body.format or "mp4", body.refine is not False)
     return JSONResponse({"job": job})

@@ -192,6 +192,8 @@ def test_a_render_saves_and_its_result_is_had_by_its_address(serving: Serve, cop
     edits = [("render", "frames", 4), ("render", "size", [64, 48])]
     served.look()
     served.edit(*({"set": [*keys], "value": value} for *keys, value in edits))
+    refused = served.client.post("/api/render", json={"variants": ["--jobs"]})
+    assert (refused.status_code, refused.json()["error"]["fix"]) == (422, "choose one of its variants")
     assert served.client.post("/api/render", json={"format": "gif"}).status_code == 200
     assert "frames: 4" in path.read_text()
     while (status := served.get("/api/render"))["running"]:
