@@ -1,6 +1,7 @@
 # make demo: install, perceive and render the bundled photos, print the gallery's path
 # make test: install what tests need, lint, type-check, run the tests that are not slow
 # make test-slow: the slow tests alone
+# make docs: build the site of docs/ into out/site, with strict links
 # make train: draw and render pictures, train the networks that find and name objects and export them; 100 minutes on two cores; needs PHYSGEN_MATERIAL
 # make studio: render the bundled photos and their truth again, from scratch, into out/studio, and compare; hours, and LLVM
 PYTHON ?= python3
@@ -27,8 +28,10 @@ test: .venv/.test
 test-slow: .venv/.test
 	$(BIN)/pytest -n auto -m slow
 
-docs: .venv/.demo
+docs: .venv/.docs
 	$(BIN)/physgen schema --markdown > docs/scene.md
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+	@echo "site: $(CURDIR)/out/site/index.html"
 
 bench: .venv/.test
 	$(BIN)/python benchmarks/run.py
@@ -62,6 +65,10 @@ train: .venv/.studio
 .venv/.test: .venv/.python pyproject.toml
 	$(BIN)/python -m pip install --quiet $(TORCH)
 	$(BIN)/python -m pip install --quiet --editable '.[test]'
+	@touch $@ .venv/.demo
+
+.venv/.docs: .venv/.python pyproject.toml
+	$(BIN)/python -m pip install --quiet --editable '.[docs]'
 	@touch $@ .venv/.demo
 
 .venv/.studio: .venv/.python pyproject.toml

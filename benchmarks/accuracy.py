@@ -34,8 +34,10 @@ SEEN = {
 HEAD = """\
 # Physics and accuracy
 
-Written by `python benchmarks/tables.py` from `benchmarks/results/`; do not edit. The paper's figures are from its
-text and tables, on other photos and machines. Tables behind these figures: [benchmarks](benchmarks.md).
+<!-- Written by `python benchmarks/tables.py` from benchmarks/results/; do not edit. -->
+
+What was measured here, beside the paper's figures, which are of other photos and machines. Tables behind these figures:
+[benchmarks](benchmarks.md).
 """
 
 PHOTOS = """\

@@ -23,6 +23,7 @@ from physgen.evaluate import fidelity
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
+SMALL = ("domino", "pig_ball")
 RENDERED = ("billiards", "dominoes", "pool")
 STAGES = ("simulate", "cut out", "render", "encode")
 MACHINE = "2 cores, x86_64, Python 3.11.7"
@@ -30,8 +31,10 @@ MACHINE = "2 cores, x86_64, Python 3.11.7"
 HEAD = f"""\
 # Benchmarks
 
-Written by `make bench` from `benchmarks/results/`; do not edit. `python benchmarks/run.py PART` measures a part
-again; one run each unless stated. Times are CPU seconds on {MACHINE}, which other work shared.
+<!-- Written by `python benchmarks/tables.py` from benchmarks/results/; do not edit. -->
+
+`python benchmarks/run.py PART` measures a part again. One run each unless stated; times are CPU seconds on
+{MACHINE}, which other work shared.
 [Accuracy](accuracy.md) sums up the accuracy; [evaluation](evaluation.md) measures your own data.
 """
 
@@ -73,7 +76,11 @@ def _render(rows: list[dict]) -> list[str]:
 
 
 def _frames(rows: list[dict]) -> list[str]:
-    shown = [row for row in rows if row["bar"] is not None and "while" not in row["measure"]]
+    shown = [
+        row
+        for row in rows
+        if row["bar"] is not None and "while" not in row["measure"] and row["scene"] not in SMALL
+    ]
     return [
         *prose(
             "Relighting and shadows on; CPU time of drawing without encoding, wall time on both cores; the least of",

@@ -107,8 +107,10 @@ def main() -> None:
     lines = [
         "# Bundled scenes",
         "",
-        "Written by `python studio/gallery.py`; do not edit. The photos are our own (`studio/README.md`), so that",
-        "physgen's videos can be compared with the truth (path-traced by Mitsuba, above). Each is a folder of `scenes/`.",
+        "<!-- Written by `python studio/gallery.py`; do not edit. -->",
+        "",
+        "The photos are our own (`studio/README.md`), so that physgen's videos can be compared with the truth,",
+        "path-traced by Mitsuba and shown above ours where it was made. Each scene is a folder of `scenes/`.",
         "",
     ]
     photos = []
@@ -135,7 +137,7 @@ def main() -> None:
     both = square + blank
     wall = np.vstack([row(both[k : k + COLUMNS]) for k in range(0, len(both), COLUMNS)])
     Image.fromarray(wall).save(folder / "photos.webp", "WEBP", quality=85, method=6)
-    lines[4:4] = ["", "![all photos](gallery/photos.webp)", ""]
+    lines[7:7] = ["", "![all photos](gallery/photos.webp)", ""]
     (ROOT / "docs/gallery.md").write_text("\n".join(lines).rstrip() + "\n")
 
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import doctest
+import importlib
 import re
+import shutil
 from pathlib import Path
 
 import pytest
@@ -15,8 +18,6 @@ MOST_PAGES, MOST_WORDS = 16, 25_000
 @pytest.mark.parametrize(("name", "module"), [("benchmarks", "tables"), ("accuracy", "accuracy")])
 def test_a_page_is_what_its_json_says(name: str, module: str) -> None:
     """`python benchmarks/tables.py` writes both."""
-    import importlib
-
     assert (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8") == importlib.import_module(
         module
     ).page()
@@ -54,6 +55,36 @@ def test_pages_that_code_and_templates_name_are_there() -> None:
     }
     assert len(named) > 10
     assert [one for one in named if not (ROOT / "docs" / one[0]).exists()] == []
+
+
+def modules_with_examples() -> list[str]:
+    paths = [path.relative_to(ROOT) for path in (ROOT / "physgen").rglob("*.py") if ">>>" in path.read_text()]
+    own = [
+        path.relative_to(ROOT / "benchmarks")
+        for path in (ROOT / "benchmarks").rglob("*.py")
+        if ">>>" in path.read_text()
+    ]
+    return sorted(
+        str(path.with_suffix("")).replace("/", ".").removesuffix(".__init__") for path in (*paths, *own)
+    )
+
+
+@pytest.mark.parametrize("module", ["test_docs", *modules_with_examples()])
+def test_examples_in_docstrings_hold(module: str) -> None:
+    found = doctest.testmod(importlib.import_module(module))
+    assert found.attempted
+    assert not found.failed
+
+
+@pytest.mark.slow
+def test_examples_of_the_python_page_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scenes").symlink_to(ROOT / "scenes")
+    shutil.copy(ROOT / "scenes/billiards/photo.png", tmp_path)
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs/python.md").read_text(), re.DOTALL)
+    exec(compile("\n".join(blocks), "docs/python.md", "exec"), {})
+    assert (tmp_path / "out/dominoes/video.mp4").exists()
+    assert (tmp_path / "scene.yaml").exists()
 
 
 def headings(text: str) -> set[str]:

@@ -1,10 +1,4 @@
-"""The stages from a photo to a scene file, and from a scene file to an output folder.
-
->>> from physgen import pipeline
->>> scene = pipeline.load("scenes/dominoes/scene.yaml")                     # doctest: +SKIP
->>> compiled = pipeline.compile(scene, pipeline.percepts(scene))            # doctest: +SKIP
->>> trajectory = pipeline.simulate(compiled.world)                          # doctest: +SKIP
-"""
+"""The stages from a photo to a scene file, and from a scene file to an output folder."""
 
 from __future__ import annotations
 

@@ -86,15 +86,15 @@ def _section(path: str, schema: Schema) -> Iterator[str]:
     yield ""
     yield schema["description"]
     yield ""
-    yield "| key | value | unit | default | meaning |"
-    yield "|---|---|---|---|---|"
+    yield "| key | value | default | meaning |"
+    yield "|---|---|---|---|"
     for key, part in schema["properties"].items():
         default = f"`{example(part['default'])}`" if part.get("default", {}) != {} else ""
         if key in schema.get("required", []):
             default = "required"
-        value = _value(part)
+        value = ", ".join(filter(None, (_value(part), part.get("x-unit"))))
         meaning = f"{part['description']} E.g. `{example(part['examples'][0])}`.".replace("|", "\\|")
-        yield f"| `{key}` | {value} | {part.get('x-unit', '')} | {default} | {meaning} |"
+        yield f"| `{key}` | {value} | {default} | {meaning} |"
 
 
 def _value(part: Schema) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import doctest
 from pathlib import Path
 
 import av
@@ -13,10 +12,8 @@ from pytest import approx
 
 from physgen import pipeline
 from physgen.photometry import decode, encode_u8
-from physgen.render import camera as shots
 from physgen.render.camera import exposure_times, filmed, shot_of
 from physgen.render.stage import Frame
-from physgen.scene import scene as framing
 from physgen.simulate.engine import simulate
 
 W, H = 200, 120
@@ -79,13 +76,6 @@ def measured(rgb: np.ndarray) -> tuple[float, float, float]:
     yy, xx = np.mgrid[: rgb.shape[0], : rgb.shape[1]]
     total = cover.sum()
     return (cover * xx).sum() / total, (cover * yy).sum() / total, np.sqrt(total / np.pi)
-
-
-def test_the_examples_in_the_documentation() -> None:
-    for module in (framing, shots):
-        found = doctest.testmod(module)
-        assert found.attempted
-        assert not found.failed
 
 
 # ---- where ---------------------------------------------------------------------------------------------------------

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import doctest
-import importlib
-import pkgutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,7 +9,6 @@ from typing import Any
 import jsonschema
 import pytest
 
-import physgen.scene
 from physgen.problems import InputError
 from physgen.scene.load import load
 from physgen.scene.reference import EXAMPLE, markdown
@@ -96,12 +92,6 @@ def test_the_example_of_the_reference_loads(tmp_path: Path) -> None:
     path = tmp_path / "example.yaml"
     path.write_text(EXAMPLE)
     assert load(path, variant="on-the-moon").world.gravity == (0, 162)
-
-
-@pytest.mark.parametrize("module", [name for _, name, _ in pkgutil.iter_modules(physgen.scene.__path__)])
-def test_doctests(module: str) -> None:
-    found = doctest.testmod(importlib.import_module(f"physgen.scene.{module}"))
-    assert found.failed == 0
 
 
 def test_every_message_of_a_missing_key_has_an_example(tmp_path: Path) -> None:

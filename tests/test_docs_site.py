@@ -1,0 +1,49 @@
+"""The site of docs/: built strictly, then opened in a browser: nothing is clipped, nothing comes from elsewhere."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from threading import Thread
+
+import pytest
+from browser import DESK, PHONE, launched
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+class Quiet(SimpleHTTPRequestHandler):
+    def log_message(self, format: str, *args: object) -> None:
+        pass
+
+
+@pytest.mark.slow
+def test_the_site_is_whole_on_a_desk_and_a_phone(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--strict", "--site-dir", str(tmp_path)]
+    built = subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, env=os.environ | {"NO_MKDOCS_2_WARNING": "1"}
+    )
+    assert built.returncode == 0, built.stderr
+    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=str(tmp_path)))
+    Thread(target=server.serve_forever, daemon=True).start()
+    base = f"http://127.0.0.1:{server.server_port}/"
+    complaints: list[str] = []
+    try:
+        with launched() as browser:
+            for size in (DESK, PHONE):
+                page = browser.new_page(viewport=size)
+                page.on("request", lambda one: one.url.startswith(base) or complaints.append(one.url))
+                page.on("console", lambda one: one.type == "error" and complaints.append(one.text))
+                for source in sorted((ROOT / "docs").glob("*.md")):
+                    page.goto(f"{base}{source.stem}.html")
+                    if page.evaluate("document.documentElement.scrollWidth > innerWidth"):
+                        complaints.append(f"{source.name} is wider than {size['width']} px")
+                page.close()
+    finally:
+        server.shutdown()
+    assert complaints == []
+    assert "render_scene" in (tmp_path / "python.html").read_text(encoding="utf-8")
