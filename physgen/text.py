@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import json
+import math
 import re
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -69,6 +70,19 @@ def number(value: int | float) -> str:
     if not exponent:
         return text
     return f"{mantissa if '.' in mantissa else mantissa + '.0'}e{int(exponent)}"
+
+
+def rounded(value: float, digits: int = 3) -> str:
+    """A number as people write it: so many digits, thousands set apart.
+
+    >>> [rounded(v) for v in (568.2, 0.0301, 9.81, 4.0, 0.0)], rounded(27251.3, 4)
+    (['568', '0.0301', '9.81', '4', '0'], '27,250')
+    """
+    if not value or not math.isfinite(value):
+        return f"{value:g}"
+    places = digits - 1 - math.floor(math.log10(abs(value)))
+    text = f"{round(value, places):,.{max(places, 0)}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
 
 
 def example(value: Any) -> str:

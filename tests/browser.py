@@ -131,8 +131,13 @@ class Opened:
 
 
 @contextmanager
-def opened(browser: Any, file: Path, *, ready: bool = True, **how: Any) -> Iterator[Opened]:
-    """A page from disk, in a fresh context; nothing moves by itself unless `reduced_motion` says otherwise."""
+def opened(
+    browser: Any, file: Path, *, ready: bool = True, preview: bool = True, **how: Any
+) -> Iterator[Opened]:
+    """A page from disk, in a fresh context; nothing moves by itself unless `reduced_motion` says otherwise.
+
+    A report shows its preview, which tests read, unless told otherwise.
+    """
     context = browser.new_context(**{"viewport": DESK, "reduced_motion": "reduce", **how})
     page = context.new_page()
     seen = Opened(page)
@@ -143,6 +148,8 @@ def opened(browser: Any, file: Path, *, ready: bool = True, **how: Any) -> Itera
         page.goto(file.as_uri())
         if ready:
             page.wait_for_selector("#player[data-ready]")
+            if preview and page.locator("button[data-view=preview]").count():
+                page.click("button[data-view=preview]")
         yield seen
     finally:
         context.close()
@@ -150,7 +157,7 @@ def opened(browser: Any, file: Path, *, ready: bool = True, **how: Any) -> Itera
 
 GRAVE = ("serious", "critical")
 OUTSIDE = """() => [...document.querySelectorAll('body *')]
-  .filter(e => !e.closest('.scroll, .sheet, pre, svg, .unseen, .skip, [hidden], script, option'))
+  .filter(e => !e.closest('.scroll, .top nav, .sheet, pre, svg, .unseen, .skip, [hidden], script, option'))
   .filter(e => [...e.childNodes].some(n => n.nodeType === 3 && n.textContent.trim()))
   .filter(e => { const b = e.getBoundingClientRect(); return b.width && (b.right > innerWidth + 1 || b.left < -1); })
   .map(e => e.outerHTML.slice(0, 120))"""

@@ -75,6 +75,21 @@ class RenderOptions:
     """Identifies all options and the code in the manifest."""
 
 
+def command_alone(path: str | Path, options: RenderOptions) -> list[str]:
+    """The command that makes this clip and no other."""
+    formats = ",".join(one.value for one in options.formats)
+    return [
+        *("physgen", "render", str(path)),
+        *([] if options.variant is None else ["--variant", options.variant]),
+        *(part for edit in options.overrides for part in ("--set", edit)),
+        *([] if formats in ("", "mp4") else [f"--format={formats}"]),
+        *([f"--fan={options.draws}", f"--fan-seed={options.draw_seed}"] if options.draws else []),
+        *([f"--export={','.join(options.export)}"] if options.export else []),
+        *(["--single-file"] if options.single_file else []),
+        *(["--allow-outside"] if options.allow_outside else []),
+    ]
+
+
 Tap = Callable[["Iterator[Frame]"], "Iterator[Frame]"]
 """Returns the same frames."""
 
@@ -261,7 +276,8 @@ class _Run:
 
         self.options, self.progress, self._warn = options, progress, warn
         variant = options.variant
-        record = RunRecord(scene="", command=list(options.command) or ["physgen", "render", str(path)])
+        alone = command_alone(path, options)
+        record = RunRecord(scene="", command=list(options.command) or alone, alone=alone)
         record.overrides, record.variant, record.mark = list(options.overrides), variant, options.mark
         self.record, self._begun = record, time.time_ns()
         with record.stage("load"):

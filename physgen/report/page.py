@@ -23,6 +23,7 @@ from physgen.report.html import jpeg, script_json, template
 from physgen.report.parameters import (
     COLUMNS,
     arrows,
+    collapsed,
     constraint_rows,
     line,
     outlines,
@@ -35,6 +36,7 @@ from physgen.report.record import RunRecord, versions
 from physgen.report.refinement import RefinementStrip, refinement
 from physgen.report.uncertainty import UncertaintySection, dimmed_photo
 from physgen.scene.scene import Play, Render, Scene, View
+from physgen.text import rounded
 
 U8 = NDArray[np.uint8]
 
@@ -105,11 +107,12 @@ def report_page(
         ],
         objects=outlines(world, {item.name: item.label for item in scene.objects}),
         columns=COLUMNS,
-        parameters=parameter_rows(scene, world, record.variant),
+        parameters=collapsed(parameter_rows(scene, world, record.variant)),
         edits=record.overrides,
         played=_played(scene.render),
         count=len(world.times),
         touch_count=0 if player is None else len(player["touches"]),
+        impact_count=0 if player is None else len(player["impacts"]),
         touches=[] if player is None else _contacts(player, world),
         data=None if player is None else script_json(player),
         script=_script(),
@@ -188,7 +191,7 @@ def _contacts(player: Data, world: World) -> list[dict[str, Any]]:
             "begin": begin,
             "pair": (names[first], names[second]),
             "lasts": None if end is None else f"{end - begin:.3f} s",
-            "impulse": f"{given / newton:.3g} N·s" if newton else f"{given:.3g} g·px/s",
+            "impulse": f"{rounded(given / newton)} N·s" if newton else f"{rounded(given)} g·px/s",
         }
         for first, second, begin, end, given in sorted(strongest, key=lambda touch: (touch[2], touch[:2]))
     ]
@@ -200,16 +203,16 @@ def _engine(record: RunRecord) -> list[str]:
     if not effort:
         return []
     lines = [
-        f"{effort['steps']:,} steps, up to {effort['iterations']} sweeps of the contact solver each; "
-        f"{effort['impacts']:,} impacts, resolved one after the other."
+        f"{effort['steps']:,} steps, up to {effort['iterations']} sweeps of the contact solver each; impacts are "
+        "resolved one after the other."
     ]
     if effort["divided"]:
         lines.append(
             f"{effort['divided']:,} steps were divided, into up to {effort['most_parts']} parts, so that fast objects "
             "do not pass through others and stiff springs oscillate correctly."
         )
-    lines.append(f"Contacts that close more slowly than {effort['still']:.3g} px/s do not bounce.")
-    lines.append(f"Energy is conserved within {100 * record.imbalance:.2g} % of the energy that flows.")
+    lines.append(f"Contacts that close more slowly than {rounded(effort['still'])} px/s do not bounce.")
+    lines.append(f"Energy balance error: {rounded(100 * record.imbalance, 2)} % of the energy that flows.")
     return lines
 
 
@@ -220,8 +223,8 @@ def _world_facts(scene: Scene, world: World) -> list[tuple[str, str, str]]:
     facts = [
         ("view", world.view.value, ""),
         ("scale", f"{scale:g} px/m", ""),
-        ("gravity", f"{world.gravity[0]:g}, {world.gravity[1]:g} px/s²", f"{gravity / scale:.3g} m/s²"),
-        ("canvas", f"{wide} × {high} px", f"{wide / scale:.3g} × {high / scale:.3g} m"),
+        ("gravity", f"{world.gravity[0]:g}, {world.gravity[1]:g} px/s²", f"{rounded(gravity / scale)} m/s²"),
+        ("canvas", f"{wide} × {high} px", f"{rounded(wide / scale)} × {rounded(high / scale)} m"),
         ("duration", f"{world.duration:g} s", ""),
         ("video", f"{scene.video_size[0]} × {scene.video_size[1]} px", _played(scene.render)),
         ("engine", f"{world.steps_per_second:g} steps/s", ""),
@@ -252,7 +255,7 @@ class SourceText:
 
 
 def provenance(record: RunRecord, resolved: str, written: str | None = None) -> dict[str, Any]:
-    """Everything needed to repeat a run, for `provenance.html.j2`.
+    """Everything needed to reproduce a run, for `provenance.html.j2`.
 
     `resolved`: the scene with every default; `written`: the file itself, where it can be read. `frames` is one hash of
     all frames: two runs made the same clip where it is equal.
@@ -266,7 +269,8 @@ def provenance(record: RunRecord, resolved: str, written: str | None = None) -> 
     facts += [] if record.variant is None else [("variant", record.variant)]
     digest = hashlib.sha256("\n".join(record.frames).encode()).hexdigest()
     return {
-        "command": shlex.join(record.command),
+        "command": shlex.join(record.alone or record.command),
+        "run": shlex.join(record.command) if record.alone not in ([], record.command) else "",
         "texts": texts,
         "facts": facts,
         "edits": record.overrides,

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from math import degrees
 from typing import Any
 
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from physgen.compile.world import Body, World
 from physgen.scene.provenance import Provenance, Source
 from physgen.scene.scene import Field, FieldKind, Joint, JointKind, Load, Motion, Scene, Solid
+from physgen.text import rounded
 
 Array = NDArray[np.float64]
 
@@ -29,7 +31,6 @@ COLUMNS = {
     "spin": "°/s",
 }
 """Of the table of parameters, with units."""
-COMPUTED = Source("worked out", "worked out")
 
 
 def svg_points(points: Array) -> str:
@@ -150,6 +151,44 @@ def parameter_rows(scene: Scene, world: World, variant: str | None) -> list[Row]
     return rows
 
 
+def collapsed(rows: Sequence[Row]) -> list[Row]:
+    """Rows that are equal but for the name and the lines of the file as one, at the place of the first."""
+    alike: dict[tuple[object, ...], list[Row]] = {}
+    for row in rows:
+        cells = [
+            (name, cell.text, replace(cell.source, text="") if cell.source.kind == "file" else cell.source)
+            for name, cell in row.cells.items()
+        ]
+        alike.setdefault((row.label, row.kind, row.also, *cells), []).append(row)
+    return [rows[0] if len(rows) == 1 else _together(rows) for rows in alike.values()]
+
+
+def _together(rows: Sequence[Row]) -> Row:
+    first, last = rows[0], rows[-1]
+    cells = {}
+    for name, cell in first.cells.items():
+        text, end = cell.source.text, last.cells[name].source.text
+        if text != end:
+            text = f"{text} to {end}".replace("line ", "lines ", 1).replace(" to line ", " to ")
+        cells[name] = Cell(cell.text, replace(cell.source, text=text))
+    return replace(first, name=name_ranges([row.name for row in rows]), cells=cells)
+
+
+def name_ranges(names: Sequence[str]) -> str:
+    """
+    >>> name_ranges(["ball-1", "ball-2", "ball-3", "ball-7", "cup"])
+    'ball-1 to ball-3, ball-7, cup'
+    """
+    runs: list[tuple[str, str]] = []
+    for name in names:
+        stem, number = re.fullmatch(r"(.*?)(\d*)", name).groups()  # type: ignore[union-attr]
+        if runs and number and runs[-1][1] == f"{stem}{int(number) - 1}":
+            runs[-1] = (runs[-1][0], name)
+        else:
+            runs.append((name, name))
+    return ", ".join(first if first == last else f"{first} to {last}" for first, last in runs)
+
+
 def _object(scene: Scene, index: int, body: Body, sources: Provenance) -> Row:
     item = scene.objects[index]
     path = f"objects.{item.name}"
@@ -162,10 +201,10 @@ def _object(scene: Scene, index: int, body: Body, sources: Provenance) -> Row:
     cells = {
         "shape": cell(_shape(body), "shape"),
         "mass": cell(
-            f"{body.mass:,.4g}" if body.mass < 1e6 else f"{body.mass:.3e}",
+            rounded(body.mass, 4),
             "mass" if item.mass is not None else "density",
         ),
-        "moment": Cell(f"{body.moment:.3e}", COMPUTED),
+        "moment": Cell(rounded(body.moment, 4), Source("computed", "computed")),
         "friction": cell(f"{item.friction:g}", "friction"),
         "elasticity": cell(f"{item.elasticity:g}", "elasticity"),
         "rolling": cell(f"{item.rolling:g}", "rolling"),

@@ -76,6 +76,14 @@ class Comparison:
     before: Picture
     after: Picture
 
+    @cached_property
+    def start(self) -> int:
+        """Where the slider starts, % from the left: in the middle of what changes."""
+        change = np.abs(self.before.rgb.astype(np.float64) - self.after.rgb).sum(axis=(0, 2))
+        if not change.any():
+            return 50
+        return round(100 * float(np.searchsorted(change.cumsum(), change.sum() / 2)) / len(change))
+
 
 @dataclass(frozen=True)
 class Perception:

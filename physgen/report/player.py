@@ -323,7 +323,7 @@ def player_data(
         "walls": walls(world),
         "energy": _energy(seen),
         "touches": touches(seen),
-        "blows": [_impact(impact) for impact in struck],
+        "impacts": [_impact(impact) for impact in struck],
         "pushes": pushes(world),
         "joints": joints(world),
         "fields": fields(world),

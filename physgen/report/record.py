@@ -49,6 +49,8 @@ class RunRecord:
 
     scene: str
     command: list[str]
+    alone: list[str] = field(default_factory=list)
+    """The command that makes this clip and no other."""
     source: str = ""
     """Path of the scene file, or of the pack that it is in, relative to the clip's folder."""
     inputs: dict[str, str] = field(default_factory=dict)

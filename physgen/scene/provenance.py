@@ -18,7 +18,7 @@ class Source:
     """Where a number comes from."""
 
     kind: str
-    """`flag`, `variant`, `guess`, `file` or `default`; `worked out` where it is computed."""
+    """`flag`, `variant`, `guess`, `file`, `default` or `computed`."""
     text: str
     sure: float | None = None
     """0..1."""

@@ -30,7 +30,7 @@ function joined(kept, more) {
         : undefined;
     return found;
   });
-  const base = kept || { blows: [], touches: [], pushes: [], joints: [], fields: [], walls: [], camera: null, ...more };
+  const base = kept || { impacts: [], touches: [], pushes: [], joints: [], fields: [], walls: [], camera: null, ...more };
   const every = kept ? kept.every : doubles(more.times),
     frames = kept ? kept.allFrames : more.frames;
   return {

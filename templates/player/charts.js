@@ -152,11 +152,11 @@ function makeLane(data, motion, units, seek, hovering, nameOf) {
   const side = tag("div", { class: "side" }, tag("h3", {}, "Contacts"), current);
   const lines = markers();
   const element = tag("div", { class: "chart" }, side, tag("div", { class: "plot-frame" }, plot, ...lines.elements));
-  const strongest = Math.max(1e-300, ...data.blows.map((blow) => blow[3]));
+  const strongest = Math.max(1e-300, ...data.impacts.map((impact) => impact[3]));
   let wide = 0;
   const across = (time) => GUTTER + (motion.end ? (time / motion.end) * (wide - GUTTER - EDGE) : 0);
   const timeAt = (x) => clamp((x - GUTTER) / Math.max(wide - GUTTER - EDGE, 1), 0, 1) * motion.end;
-  const moments = [...data.touches.map((t) => t[2]), ...data.blows.map((b) => b[0])].sort((a, b) => a - b);
+  const moments = [...data.touches.map((t) => t[2]), ...data.impacts.map((b) => b[0])].sort((a, b) => a - b);
 
   function draw() {
     plot.replaceChildren();
@@ -172,12 +172,12 @@ function makeLane(data, motion, units, seek, hovering, nameOf) {
     }
     plot.append(shape("line", { class: "axis", x1: GUTTER, x2: wide - EDGE, y1: TALL - 22, y2: TALL - 22 }));
     plot.append(shape("path", { class: "touches", d: touches || "M0 0" }), shape("path", { class: "begins", d: begins || "M0 0" }));
-    for (const [time, , , impulse] of data.blows) {
+    for (const [time, , , impulse] of data.impacts) {
       const tall = 4 + 26 * Math.sqrt(impulse / strongest), x = across(time).toFixed(1);
-      plot.append(shape("line", { class: "blow", x1: x, x2: x, y1: TALL - 22, y2: TALL - 22 - tall }));
+      plot.append(shape("line", { class: "impact", x1: x, x2: x, y1: TALL - 22, y2: TALL - 22 - tall }));
     }
     lines.span(4, TALL);
-    const impacts = data.blows.length;
+    const impacts = data.impacts.length;
     plot.setAttribute("aria-label", `${data.touches.length} contacts and ${impacts} impact${impacts === 1 ? "" : "s"} over ${digits(motion.end)} s; they are listed in the table of contacts.`);
   }
 
@@ -197,7 +197,7 @@ function makeLane(data, motion, units, seek, hovering, nameOf) {
     hover: (time) => lines.hover(time === null ? null : across(time)),
     read(time) {
       const t = time + 1e-9, lasting = data.touches.filter(([, , begin, end]) => begin <= t && (end === null || end >= time));
-      const slack = motion.end / 100, struck = data.blows.filter(([at]) => Math.abs(at - time) < slack)
+      const slack = motion.end / 100, struck = data.impacts.filter(([at]) => Math.abs(at - time) < slack)
         .sort((a, b) => b[3] - a[3])[0];
       const parts = [`${lasting.length} touching now`];
       if (struck) parts.push(`${nameOf(struck[4])} and ${nameOf(struck[5])}: ${units.worded("impulse", struck[3])}`);

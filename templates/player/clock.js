@@ -1,22 +1,30 @@
 // Playback time: runs, steps and seeks; listeners are called at each change. c: seconds of the clip.
+// A video that plays is the clock: `driver` (see followVideo) then sets the time of each frame that it presents.
 
 function makeClock(clip, changed) {
-  let c = 0, time = clip.timeAt(0), playing = false, rate = clip.pace, loop = true, before = null;
+  let c = 0, time = clip.timeAt(0), playing = false, rate = clip.pace, loop = true, before = null, driver = null;
 
+  function moved(to, change) {
+    c = to;
+    time = clip.timeAt(c);
+    changed(change);
+  }
+  function end() {
+    playing = false;
+    moved(clip.length, { stopped: true });
+  }
   function tick(now) {
     if (!playing) return;
-    let wrapped = false;
-    if (before !== null) {
-      c += (Math.min(now - before, 250) / 1000) * (rate / clip.pace);
-      if (c >= clip.length) {
-        wrapped = true;
-        if (loop) c %= clip.length; else { c = clip.length; playing = false; }
-      }
+    if (driver && driver.drives()) {
+      before = null;
+      if (driver.poll) clock.shown(driver.poll());
+    } else {
+      const to = before === null ? c : c + (Math.min(now - before, 250) / 1000) * (rate / clip.pace);
+      before = now;
+      if (to >= clip.length && !loop) { end(); return; }
+      moved(to % clip.length, {});
     }
-    before = now;
-    time = clip.timeAt(c);
-    changed({ wrapped });
-    if (playing) requestAnimationFrame(tick);
+    requestAnimationFrame(tick);
   }
 
   const clock = {
@@ -25,8 +33,9 @@ function makeClock(clip, changed) {
     get playing() { return playing; },
     get rate() { return rate; },
     get loop() { return loop; },
+    set driver(value) { driver = value; },
     set rate(value) { rate = value; changed({ paced: true }); },
-    set loop(value) { loop = value; changed({}); },
+    set loop(value) { loop = value; changed({ paced: true }); },
     play() {
       if (playing || clip.frames < 2) return;
       if (c >= clip.length - 0.5 / clip.fps) c = 0;
@@ -41,6 +50,8 @@ function makeClock(clip, changed) {
       changed({ stopped: true });
     },
     toggle() { if (playing) clock.pause(); else clock.play(); },
+    shown(at) { if (playing) moved(at, {}); },
+    ended() { if (playing) end(); },
     seek(to) {
       time = clamp(to, clip.shown[0], clip.shown[clip.count - 1]);
       c = clip.clipAt(time);
@@ -79,30 +90,43 @@ function followFrames(image, folder, clip, clock) {
   };
 }
 
-// The rendered video beside the player, held in step with it.
-function followVideo(video, clip, clock) {
-  const SLOWEST = 0.0625, FASTEST = 16;
-  let wanted = null;
+// The rendered video. Where it is seen and plays, it drives the clock; else it is held at the clock's frame.
+function followVideo(video, clip, clock, seen) {
+  const SLOWEST = 0.0625, FASTEST = 16; // rates that browsers play
+  const frameOf = (c) => Math.floor(clamp(c * clip.fps + 1e-3, 0, clip.frames - 1));
+  const pace = () => clock.rate / clip.pace;
+  let wanted = null, refused = false;
+  const drives = () => seen() && !refused && video.readyState > 0 && pace() >= SLOWEST && pace() <= FASTEST;
 
   function seek(c) {
     if (video.seeking) { wanted = c; return; }
     wanted = null;
-    const frame = Math.floor(clamp(c * clip.fps + 1e-3, 0, clip.frames - 1));
-    video.currentTime = (frame + 0.5) / clip.fps; // the middle of a frame, where no rounding shows its neighbour
+    video.currentTime = (frameOf(c) + 0.5) / clip.fps; // the middle of a frame, where no rounding shows its neighbour
   }
   video.addEventListener("seeked", () => { if (wanted !== null) seek(wanted); });
+  video.addEventListener("ended", () => { if (drives()) clock.ended(); });
+  if (video.requestVideoFrameCallback) {
+    const present = (now, { mediaTime }) => {
+      if (clock.playing && drives() && !video.seeking) clock.shown(mediaTime);
+      video.requestVideoFrameCallback(present);
+    };
+    video.requestVideoFrameCallback(present);
+  }
 
-  return ({ wrapped, sought, started, stopped, paced } = {}) => {
-    if (video.readyState < 1) return;
-    const pace = clock.rate / clip.pace, able = pace >= SLOWEST && pace <= FASTEST;
-    if (clock.playing && able) {
-      if (video.playbackRate !== pace) video.playbackRate = pace;
-      const off = Math.abs(video.currentTime - clock.clip);
-      if (wrapped || sought || (off > Math.max(0.1, 2.5 / clip.fps) * Math.max(1, pace) && !video.seeking)) seek(clock.clip);
-      if (video.paused && clock.clip < clip.length - 1 / clip.fps) video.play().catch(() => {});
-      return;
-    }
-    if (!video.paused) video.pause();
-    if (stopped || sought || paced || started || wrapped || clock.playing) seek(clock.clip);
+  return {
+    drives,
+    poll: video.requestVideoFrameCallback ? null : () => video.currentTime,
+    follow({ started, stopped, sought, paced } = {}) {
+      if (video.readyState < 1 || !seen()) { if (!video.paused) video.pause(); return; }
+      if (clock.playing && drives()) {
+        video.loop = clock.loop;
+        if (video.playbackRate !== pace()) video.playbackRate = pace();
+        if ((started || sought || video.paused) && frameOf(video.currentTime - 1e-3) !== frameOf(clock.clip)) seek(clock.clip);
+        if (video.paused) video.play().catch(() => { refused = true; });
+        return;
+      }
+      if (!video.paused) video.pause();
+      if (stopped || sought || paced || started || clock.playing) seek(clock.clip);
+    },
   };
 }

@@ -175,7 +175,7 @@ function makeLayers(data, motion, clip, units, ranks) {
     }
     pen.stroke(dots, INK.contacts, 0.5);
     pen.fill(dots, INK.contacts);
-    const shown = data.blows.filter(([at]) => at <= time && time < at + flash);
+    const shown = data.impacts.filter(([at]) => at <= time && time < at + flash);
     const written = []; // the strongest have their impulses beside them, as far as there is room
     for (const [at, x, y, impulse] of shown.sort((a, b) => b[3] - a[3])) {
       const r = Math.sqrt(arrows.ring * impulse), left = clamp(1.6 * (1 - (now.time - at) / flash), 0, 1);

@@ -17,7 +17,9 @@ function start(root, physics, data) {
     video.addEventListener("click", clock.toggle);
     video.addEventListener("error", missing);
     if (!held && (video.error || video.networkState === 3)) missing();
-    follow = followVideo(video, clip, clock);
+    const driver = followVideo(video, clip, clock, () => root.dataset.view !== "preview");
+    clock.driver = driver;
+    follow = driver.follow;
     video.addEventListener("loadeddata", () => follow({ sought: true }));
   } else if (frames) {
     film.addEventListener("click", clock.toggle);
@@ -32,6 +34,21 @@ function start(root, physics, data) {
   function missing() {
     video.hidden = true;
     $("missing").hidden = false;
+    view("preview");
+  }
+
+  // ---- the video, the preview, or both
+  const views = [...root.querySelectorAll("[data-view]")];
+  for (const button of views) {
+    button.addEventListener("click", (event) => {
+      view(button.dataset.view);
+      if (event.detail) button.blur(); // after a click of the mouse, space plays
+    });
+  }
+  function view(name) {
+    root.dataset.view = name;
+    for (const button of views) button.setAttribute("aria-pressed", button.dataset.view === name);
+    follow({ sought: true });
   }
 
   // ---- the picture
@@ -106,6 +123,7 @@ function start(root, physics, data) {
   const toggles = [...layers, ...(data.shadows.length ? [{ key: "s", id: "shadows", name: "Shadows", ink: "#556" }] : [])];
   const pressed = (id) => $("layers").querySelector(`[data-layer="${id}"]`);
   function toggle(id) {
+    if (root.dataset.view === "video") view("preview"); // it is drawn there
     if (on.has(id)) on.delete(id); else on.add(id);
     pressed(id).setAttribute("aria-pressed", on.has(id));
     keys();
@@ -141,6 +159,7 @@ function start(root, physics, data) {
     " ": commands.play, Home: commands.first, End: commands.last, ",": commands.back, ".": commands.next,
     ArrowLeft: () => go(clock.time - TENTH), ArrowRight: () => go(clock.time + TENTH), l: commands.loop,
     "[": () => faster(-1), "]": () => faster(1), ...letters,
+    ...(views.length ? { d: () => view(root.dataset.view === "preview" ? "video" : "preview") } : {}),
   };
   addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || !$("keys").checked) return;
@@ -200,7 +219,7 @@ function makePhysics(physics, data, motion, units, clock, go, quantities) {
     makeLane(data, motion, units, go, hovering, nameOf),
     chart({
       title: "Energy", kind: "energy", tall: 150, stacked: true, empty: "",
-      note: quantities.worked ? "The sum changes by the work of what pushes." : "The sum stays: energy only changes its form.",
+      note: quantities.worked ? "The sum changes by the work of forces." : "The sum is constant: energy only changes its form.",
       series: () => [
         { name: "kinetic", colour: "--kinetic", values: energy.kinetic },
         { name: "potential", colour: "--potential", values: energy.potential },
@@ -209,7 +228,7 @@ function makePhysics(physics, data, motion, units, clock, go, quantities) {
       ],
     }),
     chart({
-      title: "Momentum", kind: "impulse", tall: 110, empty: "", note: "Of all that moves freely, together.",
+      title: "Momentum", kind: "impulse", tall: 110, empty: "", note: "Of all moving objects together.",
       series: () => [
         { name: "to the right", colour: "--object-3", values: momentum.right },
         { name: data.top ? "down" : "downwards", colour: "--object-6", values: momentum.down },
@@ -217,8 +236,8 @@ function makePhysics(physics, data, motion, units, clock, go, quantities) {
     }),
     chart({ title: "Speed", kind: "speed", tall: 130, also: true, empty: none, series: some(quantities.speed) }),
     chart({
-      title: quantities.falls ? "Height" : "Way", kind: "length", tall: 130, also: true, last: true, empty: none,
-      note: quantities.falls ? "Of the centre, over the picture's edge." : "Of the centre, from where it began.", series: some(quantities.height),
+      title: quantities.falls ? "Height" : "Distance", kind: "length", tall: 130, also: true, last: true, empty: none,
+      note: quantities.falls ? "Of the centre, above the bottom edge of the picture." : "Of the centre, from its start.", series: some(quantities.height),
     }),
   ];
   $("charts").replaceChildren(...charts.map((c) => c.element));

@@ -57,7 +57,7 @@ def test_manifest_and_table_tell_the_same(clip: Path) -> None:
     ), "and nothing else matters"
     heading = (clip / "fan.csv").read_text().partition("\n")[0].split(",")
     assert heading == ["draw", *(one["path"] for one in made["drawn"]), *heading[4:]]
-    told = (Path(__file__).parents[2] / "docs" / "fan.md").read_text()
+    told = (Path(__file__).parents[2] / "docs" / "rendering.md").read_text()
     assert all(f"NAME.{name.partition('.')[2]}`" in told for name in heading[4:])
     turned = [float(row["ball.angle_degrees"]) for row in rows]
     assert max(turned) > 90, "it rolls"

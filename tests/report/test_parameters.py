@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from physgen import pipeline
-from physgen.report.parameters import parameter_rows
+from physgen.report.parameters import collapsed, parameter_rows
 from physgen.scene.provenance import Source, source
 
 BASE = """\
@@ -34,7 +34,7 @@ def test_each_number_has_its_source(tmp_path: Path) -> None:
     assert found == {
         "shape": Source("file", "base.yaml, line 4"),
         "mass": Source("guess", "table", 0.4),
-        "moment": Source("worked out", "worked out"),
+        "moment": Source("computed", "computed"),
         "friction": Source("file", "line 2"),
         "elasticity": Source("flag", "--set"),
         "rolling": Source("default", "default"),
@@ -53,3 +53,19 @@ def test_what_from_says() -> None:
     assert source("vlm") == Source("guess", "vlm")
     assert source("qwen2.5") == Source("guess", "qwen2.5"), "a version is no confidence"
     assert source("sam-3 1") == Source("guess", "sam-3", 1.0)
+
+
+def test_objects_with_equal_rows_share_one(tmp_path: Path) -> None:
+    lines = [
+        f"  ball-{k}: {{shape: {{circle: {{center: [{9 * k}, 9], radius: 4}}}}, mass: 5}}"
+        for k in (1, 2, 3, 5)
+    ]
+    other = "  ball-4: {shape: {circle: {center: [36, 9], radius: 4}}, mass: 6}"
+    (tmp_path / "scene.yaml").write_text(
+        "\n".join(["physgen: 1", "size: [60, 20]", "objects:", *lines, other])
+    )
+    scene = pipeline.load(tmp_path / "scene.yaml")
+    alike, apart = collapsed(parameter_rows(scene, pipeline.compile(scene, None).world, None))
+    assert (alike.name, apart.name) == ("ball-1 to ball-3, ball-5", "ball-4")
+    assert alike.cells["mass"].source == Source("file", "lines 4 to 7")
+    assert alike.cells["spin"].source == Source("default", "default")

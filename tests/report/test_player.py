@@ -100,7 +100,7 @@ def test_a_touch_gives_what_the_motion_changes_by(tmp_path: Path) -> None:
     speed = np.sqrt(2 * 600 * 300)
     assert begin == approx(speed / 600, abs=2e-3)
     assert impulse == approx(50 * 1.8 * speed, rel=5e-3)
-    blow = next(b for b in got.data["blows"] if names[b[4]] == "ball")
+    blow = next(b for b in got.data["impacts"] if names[b[4]] == "ball")
     assert blow[3] == approx(impulse, rel=1e-2)
     assert blow[1:3] == approx([150 + 30 * begin, 380], abs=0.5)
 

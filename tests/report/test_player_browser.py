@@ -63,7 +63,9 @@ def test_the_video_shows_the_same_moment(
 ) -> None:
     """Whichever way it runs, the video stands at the frame of the moment that the player shows."""
     step = 1.5 / len(set(order))
-    with opened(browser, report(pages, name)) as seen:
+    with opened(browser, report(pages, name), preview=False) as seen:
+        assert seen.page.is_visible("video")
+        assert not seen.page.is_visible("canvas")
         seen.page.wait_for_function("() => document.querySelector('video').readyState >= 2")
         for sample in (0, 7, len(set(order)) - 1):
             seen.seek(sample * step)
@@ -77,6 +79,25 @@ def test_the_video_shows_the_same_moment(
         seen.page.wait_for_function(
             "() => { const v = document.querySelector('video'); return !v.paused && v.currentTime > 0.2; }"
         )
+
+
+def test_video_and_preview_run_by_one_clock(browser: Any, pages: Path) -> None:
+    """While both play, the preview shows the frame that the browser presents, or the one beside it."""
+    with opened(browser, report(pages, "fall"), preview=False) as seen:
+        seen.page.click("button[data-view=both]")
+        seen.page.wait_for_function("() => document.querySelector('video').readyState >= 2")
+        seen.page.click("[data-part=play]")
+        off = seen.page.evaluate("""() => new Promise((done) => {
+            const video = document.querySelector("video"), root = document.getElementById("player"), found = [];
+            const look = (now, { mediaTime }) => requestAnimationFrame(() => {
+              found.push(Math.abs(+root.dataset.time - mediaTime) * 30);
+              if (found.length < 40) video.requestVideoFrameCallback(look); else done(found);
+            });
+            video.requestVideoFrameCallback(look);
+        })""")
+        assert seen.playing
+        assert max(one for one in off if one < 40) < 1.01, "but where it starts again"
+        assert np.median(off) < 0.01
 
 
 def test_a_break_looks_as_the_renderer_draws_it(browser: Any, bundled: Path, tmp_path: Path) -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import html
 import re
 
+from physgen.pipeline import RenderOptions
+from physgen.pipeline.clip import command_alone
 from physgen.report.html import template
 from physgen.report.page import provenance
 from physgen.report.record import RunRecord
@@ -42,3 +44,16 @@ def test_the_page_says_what_is_needed_to_repeat_the_run() -> None:
         "numpy",
     ):
         assert said in words
+
+
+def test_the_command_is_of_this_clip_alone() -> None:
+    made = record()
+    made.command = ["physgen", "render", "a.yaml", "b.yaml", "--variant", "all", "--jobs", "8"]
+    made.alone = command_alone(
+        "b.yaml", RenderOptions(overrides=("world.duration=1",), variant="fast", draws=8)
+    )
+    found = provenance(made, "a: 1\n")
+    assert found["command"] == (
+        "physgen render b.yaml --variant fast --set world.duration=1 --fan=8 --fan-seed=0"
+    )
+    assert found["run"] == "physgen render a.yaml b.yaml --variant all --jobs 8"

@@ -83,6 +83,6 @@ def test_the_page_says_why_a_refinement_failed(tmp_path: Path) -> None:
     )
     assert "The rendered video, not refined." in page
     assert 'src="unrefined.mp4"' in page
-    assert "<li>refine: &lt;b&gt; do not fit; write less</li>" in page
+    assert ">refine: &lt;b&gt; do not fit; write less<" in page
     assert "12 frames" in page
     assert "Mean change" not in page
