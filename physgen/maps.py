@@ -52,6 +52,10 @@ class Percepts:
     """(H, W) linear."""
 
 
+MOST_IDS = 10_000
+"""Of a label map: as many as objects of a scene."""
+
+
 def read_labels(path: Path) -> U16:
     """A label map: one channel of ids as it is; the distinct colours of a colour picture numbered, black = 0."""
     with open_picture(path) as image:
@@ -59,6 +63,16 @@ def read_labels(path: Path) -> U16:
             fix = "save it as PNG, without smoothing"
             raise InputError.of(str(path), "", "is a JPEG, whose compression changes ids", fix)
     raw = read_channels(path)
+    labels = _label_ids(raw, path)
+    count = np.count_nonzero(np.bincount(labels.ravel()))
+    if count > MOST_IDS:
+        found, fix = f"{count:,} ids", f"give each object one colour; at most {MOST_IDS:,}"
+        raise InputError.of(str(path), found, "are too many for a label map", fix)
+    return labels
+
+
+def _label_ids(raw: U8 | U16, path: Path) -> U16:
+    """(H, W): the ids of one channel, or the distinct colours numbered."""
     if raw.ndim == 2:
         return raw.astype(np.uint16)
     red, green, blue = (raw[:, :, k if raw.shape[2] > 2 else 0] for k in range(3))

@@ -337,6 +337,14 @@ class _Run:
             found = f"misses {record.imbalance:.0%} of what flows"
             place = scene.place("world")
             self.warn(Problem(place, "world", "the energy balance", found, fix, Severity.WARNING))
+        if trajectory.effort.overworked >= 0:
+            names = [*(body.name for body in world.bodies), *(wall.name for wall in world.walls)]
+            pair = f"{names[trajectory.effort.overworked]} and {names[trajectory.effort.overworked_by]}"
+            found, fix = (
+                "took more work than a run may do: later ones are less exact",
+                "bring their masses closer",
+            )
+            self.warn(Problem(scene.place("objects"), "", f"impacts of {pair}", found, fix, Severity.WARNING))
         if not options.draws:
             return None
         record.seeds["fan"] = options.draw_seed

@@ -261,8 +261,11 @@ def _ghosts(
 ) -> list[Silhouette]:
     """Things of the photo that the scene leaves out, as light saw them."""
     found = []
-    for id_ in np.unique(labels[absent]).tolist():
-        rows, columns = np.nonzero(absent & (labels == id_))
+    every = np.nonzero(absent)
+    order = np.argsort(labels[absent], kind="stable")
+    ids, counts = np.unique(labels[absent], return_counts=True)
+    for id_, pixels in zip(ids.tolist(), np.split(order, np.cumsum(counts)[:-1]), strict=False):
+        rows, columns = every[0][pixels], every[1][pixels]
         y0, y1, x0, x1 = rows.min(), rows.max() + 1, columns.min(), columns.max() + 1
         own = np.where(labels[y0:y1, x0:x1] == id_, coverage[y0:y1, x0:x1], 0).astype(np.float32)
         thick = STAGING.deep * float(np.sqrt(len(rows))) * (0.6 if top else 1.0)

@@ -38,6 +38,10 @@ class CollisionTuning:
     exact: float = 1e-13
     nearly: float = 1e-5
     """Relative change of an impulse at which points that close together are solved: usually, and in a heap."""
+    base: float = 3e5
+    per_second: float = 1e6
+    """Passes over points that close together in a run, at most, and more a second of the scene: 30 times what the
+    bundled scenes need. Beyond it each step has one round: a ton on a saucer cannot keep a run for hours."""
     crowd: int = 500
     """Contact points of a heap."""
     together: float = 0.02
@@ -45,6 +49,22 @@ class CollisionTuning:
 
 
 TUNING = CollisionTuning()
+
+
+class WorkBudget:
+    """Passes over points that close together, which a run may make."""
+
+    def __init__(self, seconds: float, bodies: int) -> None:
+        """For a run of so many seconds of the scene."""
+        self._left = (TUNING.base + TUNING.per_second * seconds) * (1 + bodies / TUNING.crowd)
+        self.exceeded_by: tuple[int, int] | None = None
+        """The pair that closed fastest when nothing was left."""
+
+    def spend(self, passes: int, points: list[Point]) -> None:
+        """Count passes over points."""
+        self._left -= passes * len(points)
+        if self._left < 0 and self.exceeded_by is None:
+            self.exceeded_by = points[0].a, points[0].b
 
 
 def single_point_impulse(
@@ -75,23 +95,23 @@ def single_point_impulse(
 
 def simultaneous_impulses(
     matrix: Array, before: Array, elasticity: list[float], friction: list[float], exact: float
-) -> Array:
-    """Impulses (2P,), normal and along the surface in turn, of points that close together.
+) -> tuple[Array, int]:
+    """Impulses (2P,), normal and along the surface in turn, of points that close together; and passes over them.
 
     matrix (2P, 2P) gives the changes of their speeds; before (2P,) the speeds; exact: the relative change of an impulse
     at which they count as found. Newton's rule with friction can make energy (Kane and Levinson 1985): then as much of
     the bounce as makes none.
     """
-    full = _swept(matrix, before, elasticity, friction, exact)
+    full, passes = _swept(matrix, before, elasticity, friction, exact)
     if not any(elasticity) or _gain(matrix, before, full) <= 0:
-        return full
-    dead = _swept(matrix, before, [0.0] * len(elasticity), friction, exact)
+        return full, passes
+    dead, more = _swept(matrix, before, [0.0] * len(elasticity), friction, exact)
     part, step = 0.0, 0.5
     for _ in range(30):
         if _gain(matrix, before, dead + (part + step) * (full - dead)) <= 0:
             part += step
         step /= 2
-    return dead + part * (full - dead)
+    return dead + part * (full - dead), passes + more
 
 
 def _gain(matrix: Array, before: Array, impulse: Array) -> float:
@@ -103,13 +123,15 @@ def _gain(matrix: Array, before: Array, impulse: Array) -> float:
 
 def _swept(
     matrix: Array, before: Array, elasticity: list[float], friction: list[float], exact: float
-) -> Array:
+) -> tuple[Array, int]:
     """Projected Gauss-Seidel to the last digits: no pull, the wanted rebound, friction within its cone."""
     speed, impulse = before.copy(), [0.0] * len(before)
     columns = np.ascontiguousarray(matrix.T)
     give = [1.0 / max(float(d), 1e-300) for d in np.diag(matrix)]
     goals = [-e * min(float(v), 0.0) for e, v in zip(elasticity, before[::2], strict=True)]
+    passes = 0
     for _ in range(TUNING.sweeps if exact < 1e-6 else TUNING.few):
+        passes += 1
         change = size = 0.0
         for i, (goal, mu) in enumerate(zip(goals, friction, strict=True)):
             n, t = 2 * i, 2 * i + 1
@@ -129,7 +151,7 @@ def _swept(
                 change = max(change, abs(step))
         if change <= exact * size:
             break
-    return np.array(impulse)
+    return np.array(impulse), passes
 
 
 @dataclass(frozen=True)
@@ -198,12 +220,13 @@ class ImpactSolver:
         self._rows: list[tuple[int, int, float, float, float]] = []
         self._lost = self._work = 0.0
 
-    def run(self) -> Impacts:
-        """Rounds until nothing closes."""
+    def run(self, budget: WorkBudget) -> Impacts:
+        """Rounds until nothing closes, or one where the budget is spent: what closes then is left to the engine."""
+        self._budget = budget
         closing = [int(k) for k in np.flatnonzero(self._own)]
         faint = max(self._threshold, TUNING.faint * float(self._found.closing.max()))
         for number in range(TUNING.rounds):
-            if not closing:
+            if not closing or (number and budget.exceeded_by):
                 break
             times = {k: self._time(k, number) for k in closing}
             struck = self._leading(closing, times)
@@ -374,7 +397,9 @@ class ImpactSolver:
                     J[2 * i + 1, k : k + 3] = -sign * p.ny, sign * p.nx, sign * slide
         spread = response @ J.T
         elasticity, friction = [p.elasticity for p in points], [p.friction for p in points]
-        found = simultaneous_impulses(J @ spread, np.array(was).ravel(), elasticity, friction, self._exact)
+        exact = TUNING.nearly if self._budget.exceeded_by else self._exact
+        found, passes = simultaneous_impulses(J @ spread, np.array(was).ravel(), elasticity, friction, exact)
+        self._budget.spend(passes, points)
         change, moved = spread @ found, spread @ (found * np.repeat(times, 2))
         for body, k in place.items():
             v, shift = self._speeds(body), self._shift.setdefault(body, [0.0, 0.0, 0.0])

@@ -25,7 +25,7 @@ from physgen.compile.world import Body, Joint, Wall, World
 from physgen.problems import InputError, Problem
 from physgen.progress import Progress, silent
 from physgen.scene.scene import JointKind, Motion
-from physgen.simulate.collisions import Impacts, ImpactSolver, StepMotion
+from physgen.simulate.collisions import Impacts, ImpactSolver, StepMotion, WorkBudget
 from physgen.simulate.contacts import (
     CONTACT_BYTES,
     NUMBERS,
@@ -198,6 +198,7 @@ class Running:
 
     def trajectory(self) -> Trajectory:
         """What is known; samples from `done` on are not taken yet, and zeros."""
+        pair = self._stepper.budget.exceeded_by or (-1, -1)
         effort = Effort(
             steps=self._stepper.steps,
             divided=self._divided,
@@ -205,6 +206,8 @@ class Running:
             iterations=self._governor.most_sweeps,
             impacts=self._stepper.impacts,
             still=self._governor.stillest(self._base),
+            overworked=pair[0],
+            overworked_by=pair[1],
         )
         return recorded_trajectory(self._ledger, effort)
 
@@ -354,6 +357,7 @@ class Stepper:
             elasticity=[surface.elasticity for surface in surfaces],
             radius=[b.radius if b.radius is not None else nan for b in bodies] + [nan] * len(walls),
         )
+        self.budget = WorkBudget(world.duration, len(bodies))
         self._joined = Assemblies(world)
         self._held = self._joined.held()
         light, ease = (
@@ -504,7 +508,7 @@ class Stepper:
         drift[self._held] = 0.0
         motion = StepMotion(wide, fast, drift)
         solver = ImpactSolver(self._properties, self._joined, motion, points, touched, h, threshold)
-        return solver.run()
+        return solver.run(self.budget)
 
 
 def _pairs(touch: Touching, objects: int) -> list[tuple[int, int]]:

@@ -74,6 +74,10 @@ class Effort:
     """Contact points that bounced, resolved one after the other."""
     still: float
     """px/s: closing speed below which contacts did not bounce, at most; heaps of hundreds raise it."""
+    overworked: int = -1
+    overworked_by: int = -1
+    """The pair whose impacts spent the work of a run, bodies, then walls; -1: none did. From there on impacts are
+    resolved in one round a step."""
 
 
 @dataclass(frozen=True)

@@ -412,3 +412,24 @@ def test_equal_runs_differ_in_one_file(tmp_path: Path, monkeypatch: pytest.Monke
     assert len(made[0]) > 5
     assert made[0].keys() == made[1].keys()
     assert [name for name in made[0] if made[0][name] != made[1][name]] == ["out/ball/timing.json"]
+
+
+def test_a_label_map_of_noise(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    noise = np.random.default_rng(0).integers(0, 65535, (120, 160), np.uint16)
+    (tmp_path / "maps").mkdir()
+    cv2.imwrite(str(tmp_path / "maps" / "masks.png"), noise)
+    cv2.imwrite(str(tmp_path / "photo.png"), np.zeros((120, 160, 3), np.uint8))
+    (tmp_path / "scene.yaml").write_text("physgen: 1\nimage: photo.png\nassets: maps\n")
+    assert main(["check", str(tmp_path / "scene.yaml")]) == 2
+    assert "ids are too many for a label map" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_masses_too_far_apart_end_with_a_warning(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A saucer of 1.4 t among cups: its impacts would take hours."""
+    cups = Path(__file__).parents[2] / "scenes" / "cups" / "scene.yaml"
+    flags = ["--set", "objects.saucer.mass=1450000", "--set", "world.duration=0.05", "--report", "none"]
+    assert main(["render", str(cups), "-o", str(tmp_path), *flags]) == 0
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if "more work" in line]
+    assert "impacts of " in line
+    assert line.endswith("bring their masses closer")
