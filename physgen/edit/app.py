@@ -8,6 +8,7 @@ the token.
 from __future__ import annotations
 
 import ipaddress
+import json
 import re
 import secrets
 import socket
@@ -131,6 +132,7 @@ async def _answer(request: Request, error: Exception) -> Response:
 
 BODY = 8 * 2**20 + 2**16
 """Bytes of a body: a scene file is at most 8 MiB."""
+ESCAPED_SURROGATE = re.compile(rb"\\u[dD][89a-fA-F]")
 RESULT = "/result/"
 """Rendered files: their address holds a key of its own, as a link carries no header."""
 OPEN = ("/static/", RESULT)
@@ -244,6 +246,14 @@ async def _body(scope: Scope, receive: Receive) -> Receive:
     kind = Headers(scope=scope).get("content-type", "").partition(";")[0].strip().lower()
     if data and kind != "application/json":
         raise EditError(Why.KIND, "the body is not declared as JSON", "send Content-Type: application/json")
+    if ESCAPED_SURROGATE.search(data):
+        with suppress(ValueError):  # what is no JSON is refused by its reader
+            try:
+                json.dumps(json.loads(data), ensure_ascii=False).encode()
+            except UnicodeEncodeError:
+                raise EditError(
+                    Why.MALFORMED, "half a character is no text", "send whole characters"
+                ) from None
     parts = iter([{"type": "http.request", "body": bytes(data), "more_body": False}])
 
     async def receive_again() -> Message:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -192,6 +193,9 @@ def test_a_render_saves_and_its_result_is_had_by_its_address(serving: Serve, cop
     edits = [("render", "frames", 4), ("render", "size", [64, 48])]
     served.look()
     served.edit(*({"set": [*keys], "value": value} for *keys, value in edits))
+    half, kind = json.dumps({"version": 1, "text": "\ud800"}), {"Content-Type": "application/json"}
+    refused = served.client.put("/api/text", content=half, headers=kind)
+    assert (refused.status_code, refused.json()["error"]["fix"]) == (400, "send whole characters")
     refused = served.client.post("/api/render", json={"variants": ["--jobs"]})
     assert (refused.status_code, refused.json()["error"]["fix"]) == (422, "choose one of its variants")
     assert served.client.post("/api/render", json={"format": "gif"}).status_code == 200
