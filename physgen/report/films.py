@@ -75,18 +75,9 @@ def _rgb(file: Path) -> U8:
 
 
 def poster(film: Path) -> bytes:
-    """The middle frame of a film, as WebP. Raises OSError where it cannot be read."""
+    """The first frame of a film, which is the photo, as WebP. Raises OSError where it cannot be read."""
     try:
-        if film.suffix == ".mp4":
-            middle = sample_frames(film, 3, SIDE)[1:2] or sample_frames(film, 1, SIDE)
-            frame = middle[0]
-        elif film.suffix == ".png":
-            files = sorted(film.parent.glob("*.png"))
-            frame = _rgb(files[len(files) // 2])
-        else:
-            with Image.open(film) as pages:
-                pages.seek(getattr(pages, "n_frames", 1) // 2)
-                frame = np.asarray(pages.convert("RGB"))
+        frame = sample_frames(film, 1, SIDE)[0] if film.suffix == ".mp4" else _rgb(film)
     except (
         SyntaxError,
         ValueError,

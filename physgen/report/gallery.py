@@ -39,6 +39,8 @@ class GalleryLimits:
 
     most_choices: int = 8
     """Values of a key that are offered one by one; more become a range."""
+    common_labels: int = 6
+    """Labels that are offered at once, the most frequent."""
 
 
 LIMITS = GalleryLimits()
@@ -46,7 +48,7 @@ LIMITS = GalleryLimits()
 MARK = '<meta name="generator" content="physgen gallery">'
 SCRIPTS = ("state", "choose", "shots", "clock", "sheet", "look", "page")
 """In the order in which they build on each other."""
-_OURS = re.compile(r"[0-9a-f]{20}\.(poster|strip)\.webp").fullmatch
+_OURS = re.compile(r"[0-9a-f]{20}\.(photo|poster|strip)\.webp").fullmatch
 
 
 @dataclass(frozen=True)
@@ -82,9 +84,10 @@ def write_gallery(
     for k, clip in enumerate(clips):
         progress("gallery", k, len(clips))
         shots.append(clip_poster(clip, files))
-    names = [root.resolve().name for root in roots]
     if title is None:
+        names = [root.resolve().name.replace("-", " ").replace("_", " ") for root in roots]
         title = ", ".join(dict.fromkeys(names)) if len(set(names)) <= 3 and all(names) else "Gallery"
+        title = title[:1].upper() + title[1:]
     text = gallery_page(clips, shots, index.parent, title or "Gallery")
     if index.exists() and not _ours(index):
         back_up(index, keep)
@@ -113,11 +116,14 @@ def gallery_page(clips: Sequence[Clip], shots: Sequence[str], home: Path, title:
         cards.append(card)
     labels = Counter(label for clip in clips for label in clip.labels)
     free = [key for key in keys if not key.follows]
+    made = [clip for clip in clips if clip.document]
+    swept = bool(free) and len({clip.photo or tuple(clip.document.get("objects", ())) for clip in made}) == 1
     data = {
         "clips": [card.pop("data") for card in cards],
         "keys": [_axis(key) for key in keys],
+        "swept": swept,
         # a sweep over two keys is shown as a table of both
-        "grid": len(clips) > 3 and len(free) == 2 and all(None not in key.values for key in free),
+        "grid": swept and len(clips) > 3 and len(free) == 2 and all(None not in key.values for key in free),
     }
     scripts = [resource("templates", "gallery", f"{name}.js").read_text(encoding="utf-8") for name in SCRIPTS]
     times = [clip.time for clip in clips]
@@ -130,7 +136,11 @@ def gallery_page(clips: Sequence[Clip], shots: Sequence[str], home: Path, title:
         earliest=_day(min(times, default=0.0)),
         latest=_day(max(times, default=0.0)),
         labels=labels.most_common() if len(labels) > 1 else [],
-        keys=[_filter(key) for key in keys],
+        common=LIMITS.common_labels,
+        keys=[_filter(key) for key in keys if 2 * sum(value is None for value in key.values) <= len(clips)],
+        swept=swept,
+        sentence=_sentence(clips, free if swept else []),
+        hero=None if data["grid"] else next((card for card in cards if card["moves"]), None),
         aspect=_aspect(clips),
         data=script_json(data),
         script='(() => {\n"use strict";\n' + "\n".join(scripts) + "})();",
@@ -182,11 +192,29 @@ def _card(
         "labels": labels[:3],
         "more": len(labels) - 3,
         "values": shown[:4],
-        "warnings": _counted(len(clip.warnings), "warning"),
-        "settings": _counted(len(clip.overrides), "setting"),
-        "notes": "\n".join((*clip.warnings, *(f"--set {text}" for text in clip.overrides))),
+        "ratio": round(clip.size[0] / clip.size[1], 3),
+        "moves": data["kind"] == "video/mp4" and bool(shot) and not clip.problems,
+        "warnings": clip.warnings,
+        "settings": _counted(len(clip.overrides), "change"),
+        "notes": "\n".join(f"--set {text}" for text in clip.overrides),
         "problems": clip.problems,
     }
+
+
+def _sentence(clips: Sequence[Clip], swept: Sequence[SweptKey]) -> str:
+    """What the page shows, and how to look at it."""
+    count = f"{len(clips):,} clip{'s' * (len(clips) != 1)}"
+    if swept:
+        ranges = []
+        for key in swept[:3]:
+            texts = [format_value(value) for value in _sorted_values(key)]
+            ranges.append(
+                f"{key.name} {' to '.join(dict.fromkeys((texts[0], texts[-1])))} {key.unit}".strip()
+            )
+        return f"{count} of one scene, simulated with {', '.join(ranges)}."
+    photos = len({clip.photo for clip in clips if clip.photo})
+    whence = f" from {photos:,} photo{'s' * (photos != 1)}" if photos else ""
+    return f"{count}, simulated{whence}. Point at a card or tap it to play; open it for its report."
 
 
 def _folder(clip: Clip, home: Path) -> str:
@@ -225,7 +253,7 @@ def clip_poster(clip: Clip, files: Path) -> str:
     """URL of the poster, made unless it exists; empty where the film cannot be read."""
     if clip.film is None or not re.fullmatch("[0-9a-f]{20}", clip.seal):
         return ""
-    path = files / f"{clip.seal}.poster.webp"
+    path = files / f"{clip.seal}.photo.webp"
     if not path.is_file():
         try:
             made = poster(clip.film)

@@ -1,7 +1,6 @@
 // One time for all clips in view: the slider, playing in step, and films that stand at the very frame.
 const clock = part("clock"), seek = part("seek"), playing = { on: false, from: 0, since: 0, frame: 0 };
 const SETTLE = 160; // ms after which films follow the slider
-const POSTER = 8 / 15; // where a poster is between the first frame and the last: the slider stands there at first
 const DRIFT = 0.12; // s that a film may be off while it plays
 let longest = 0, settling = 0;
 
@@ -16,7 +15,7 @@ function setLongest(shown) {
 }
 
 function tellTime() {
-  const time = Math.min(state.time ?? POSTER * longest, longest);
+  const time = Math.min(state.time ?? 0, longest);
   seek.value = time;
   seek.setAttribute("aria-valuetext", `${time.toFixed(2)} s of ${longest.toFixed(2)} s`);
   part("time").innerHTML = `${time.toFixed(2)} <span class="whole">/ ${longest.toFixed(2)}</span> s`;

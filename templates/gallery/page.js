@@ -13,7 +13,7 @@ function redraw() {
   part("filters").textContent = asked();
   part("filters").setAttribute("aria-label", `${asked()} in use`);
   part("reset").hidden = !narrowed;
-  const grid = state.view === "grid" && AXES.length > 0;
+  const grid = data.swept && state.view === "grid" && AXES.length > 0;
   list.hidden = grid;
   sheet.hidden = !grid;
   for (const element of all("[data-only]")) element.hidden = (element.dataset.only === "grid") !== grid;
@@ -26,6 +26,7 @@ function redraw() {
       order = shown;
     }
   }
+  if (grid && state.time === null) state.time = Math.max(...shown.map(n => (clips[n].made ? lastOf(clips[n]) : 0)), 0); // outcomes
   if (grid) drawSheet(shown); else for (const box of all(".shot", sheet)) forgetShot(box);
   setLongest(shown);
   writeState();
@@ -70,8 +71,8 @@ function prepare() {
   const rows = AXES.map((axis, k, every) => [axis.path, twice(axis, k, every)]);
   options(part("x"), rows);
   options(part("y"), [...rows, ["-", "nothing"]]);
-  document.querySelector(".switch").hidden = !AXES.length;
-  if (innerWidth < 960) part("facets").open = false;
+  document.querySelector(".switch").hidden = !data.swept;
+  if (innerWidth < 760) part("facets").open = false;
 
   part("search").addEventListener("input", event => { state.q = event.target.value; redraw(); });
   for (const name of ["sort", "x", "y"]) part(name).addEventListener("change", event => { state[name] = event.target.value; fillIn(); redraw(); });
@@ -107,7 +108,7 @@ function prepare() {
     if (!step || event.altKey || event.ctrlKey || event.metaKey) return;
     event.preventDefault();
     stopAll();
-    setTime((state.time ?? POSTER * longest) + step * frameTime());
+    setTime((state.time ?? 0) + step * frameTime());
   });
   part("play").addEventListener("click", () => (playing.on ? stopAll() : startAll()));
   part("rate").addEventListener("change", () => Object.assign(playing, { from: state.time ?? 0, since: performance.now() }));
@@ -116,6 +117,11 @@ function prepare() {
     const box = card.firstElementChild;
     if (box.classList.contains("shot") && clips[n].poster) makeShot(box, n, addRun);
   });
+  const hero = part("hero");
+  if (hero) {
+    const shot = makeShot(hero.firstElementChild, Number(hero.dataset.n), () => { if (!still.matches) playAlone(shot); });
+    hero.addEventListener("click", event => { if (!event.target.closest("a")) (shot.alone ? stopAlone : playAlone)(shot); });
+  }
   attend();
   list.addEventListener("keydown", walk);
   addEventListener("hashchange", () => { readState(); fillIn(); redraw(); settleSoon(); });
@@ -150,7 +156,7 @@ function attend() {
   list.addEventListener("focusout", stop);
   list.addEventListener("click", event => {
     const card = event.target.closest(".clip"), shot = shotOf(card);
-    if (event.target.closest(".run") && shot) { if (shot.alone) stopAlone(shot); else playAlone(shot); }
+    if (shot && (event.target.closest(".run") || (event.target.closest(".shot") && !event.target.closest("a, button")))) { if (shot.alone) stopAlone(shot); else playAlone(shot); }
     if (event.target.closest("button.open")) look([Number(card.dataset.n)]);
   });
 }

@@ -2,6 +2,7 @@
 const still = matchMedia("(prefers-reduced-motion: reduce)");
 const shots = new Map(); // box -> shot
 const MOST_FILMS = 36; // that play at once
+const HOLD = 900; // ms at the photo, before it moves again
 const WAIT = 90; // ms that a pointer must stay
 
 const watcher = new IntersectionObserver(entries => {
@@ -69,7 +70,10 @@ function playAlone(shot) {
   shot.box.closest(".clip")?.querySelector(".run")?.setAttribute("aria-pressed", "true");
   const film = attach(shot);
   if (film?.tagName === "VIDEO") {
-    film.loop = true;
+    film.addEventListener("ended", () => { // back to the photo for a moment, then again
+      film.currentTime = 0;
+      shot.wait = setTimeout(() => film.play().catch(() => {}), HOLD);
+    });
     film.addEventListener("playing", () => { film.style.opacity = 1; }, { once: true });
     film.play().catch(() => {});
   } else if (film) film.style.opacity = 1;

@@ -239,6 +239,13 @@ def test_a_card_plays_under_the_pointer_and_stops(browser: Any, mixed: Path) -> 
 # ---- whoever reads it, whatever is in it -----------------------------------------------------------------------------
 
 
+def test_a_mixed_gallery_begins_with_a_clip_that_moves_and_has_no_grid(browser: Any, mixed: Path) -> None:
+    with ready(browser, mixed, reduced_motion="no-preference") as seen:
+        assert seen.page.is_visible(".hero .poster")
+        seen.page.wait_for_function("() => document.querySelector('.hero video')?.currentTime > 0")
+        assert not seen.page.is_visible(".switch")
+
+
 @pytest.mark.parametrize(("width", "scheme"), [(360, "dark"), (1280, "light")])
 @pytest.mark.parametrize("view", ["cards", "grid"])
 def test_axe_finds_nothing_serious_and_nothing_flows_over(
