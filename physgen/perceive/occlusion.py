@@ -57,7 +57,8 @@ def occlusion_orders(labels: Labels, ids: Sequence[int]) -> list[OcclusionOrder]
     for i, j in touching_masks(labels, ids):
         part, inner = _window(labels, i, j)
         size = min(float(np.sqrt((part == k).sum())) for k in (i, j))
-        under = [_reach_under(part, inner, i, j), _reach_under(part, inner, j, i)]
+        circles = {k: _free_circle(part, inner, k) for k in (i, j)}
+        under = [_reach_under(part, inner, circles, a, b) for a, b in ((i, j), (j, i))]
         deep = max(under)
         if deep < max(LIMITS.deep, LIMITS.part * size) or deep < LIMITS.twice * min(under):
             continue
@@ -102,15 +103,15 @@ def _all_behind(start: int, before: Mapping[int, set[int]]) -> set[int]:
     return seen
 
 
-def _reach_under(part: Labels, inner: Mask, i: int, j: int) -> float:
-    """px by which object i seems to reach under object j."""
+def _reach_under(part: Labels, inner: Mask, circles: Mapping[int, Array | None], i: int, j: int) -> float:
+    """px by which object i seems to reach under object j; `circles` are those of their free borders."""
     mine, other = part == i, part == j
     deep = _filled_bay(mine, other)
-    if (circle := _free_circle(part, inner, i)) is not None:
+    if (circle := circles[i]) is not None:
         off = circle[2] - _distance(circle, other.shape)
         if ((off > 0) & (part == 0) & inner).sum() <= LIMITS.open * np.pi * circle[2] ** 2:
             deep = max(deep, float(off[other].max()))
-    if (circle := _free_circle(part, inner, j)) is not None:
+    if (circle := circles[j]) is not None:
         within = _distance(circle, other.shape) <= circle[2]
         if (within & other).sum() >= LIMITS.whole * (within & inner).sum():
             deep = max(deep, _bulge(mine, other))
