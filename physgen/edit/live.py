@@ -152,7 +152,7 @@ def _of_one(
         at = {"object": name, "path": value, "line": _line(scene, value) or _line(scene, where)}
         keys = [[]] if len(found) == len(sources) else [[key] for _, key, _ in found]
         ops: list[Data] = [{"unset": [*path, "from", *key]} for key in keys]
-        yield least, _row("doubt", at, "; ".join(what for *_, what in found), "it is right as it is", ops)
+        yield least, _row("doubt", at, "; ".join(what for *_, what in found), "correct as it is", ops)
 
 
 def _line(scene: Scene, path: str) -> int | None:

@@ -129,7 +129,6 @@ export const editor = {
     const [line, other] = kind === "error" ? [part("alarm"), part("status")] : [part("status"), part("alarm")];
     other.textContent = "";
     line.textContent = text;
-    document.body.style.setProperty("--status", `${overStage()}px`);
     clearTimeout(line.timer);
     line.timer = setTimeout(() => { line.textContent = ""; }, kind === "error" ? 12000 : 4000);
     editor.emit("say", { text, kind });
@@ -139,12 +138,6 @@ export const editor = {
   overlays: [],
   overlay(draw) { editor.overlays.push(draw); }, // draw(context, pen), on each redraw
 };
-
-// px above the window's lower edge where a line lies over the photo, so that it hides no tab and no button of a small screen
-function overStage() {
-  const { bottom } = part("stage").getBoundingClientRect(), top = part("hint")?.getBoundingClientRect().top ?? bottom - 60;
-  return bottom > 160 && bottom < innerHeight ? innerHeight - top + 8 : 16;
-}
 
 const inVariant = () => (editor.variant ? `?variant=${encodeURIComponent(editor.variant)}` : "");
 export const same = (one, other) => one?.kind === other?.kind && one?.name === other?.name;
@@ -175,7 +168,7 @@ function link(up) {
 // One after the other; what was made of an older version is made again on what is there now, if that means the same.
 function queued(path, body, variant = editor.variant) {
   const job = { path, variant, body };
-  if (editor.waiting.some((other) => other.path === "/api/mask")) editor.say(`${DEEDS[path]} once the picture has followed`);
+  if (editor.waiting.some((other) => other.path === "/api/mask")) editor.say(`${DEEDS[path]} when the correction is done`);
   if (path !== "/api/save") part("undo").disabled = false; // it can be asked for behind what waits
   editor.waiting.push(job);
   meant.set(job, editor.state);

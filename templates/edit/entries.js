@@ -27,7 +27,7 @@ export function makePanels(editor, { row, title, heading, deeds, erase, renamed,
         ...title("object", name, item.label || "object"),
         deeds(
           button(still ? "Unpin" : "Pin", () => editor.acts.pin(name), { "aria-pressed": still, title: "Pinned: it never moves (x)" }),
-          button("Throw again", () => editor.player.again(), { title: "Play from the beginning (r)" }),
+          button("Play again", () => editor.player.again(), { title: "Play from the beginning (r)" }),
           erase(entry),
         ),
         odd(name),
@@ -235,7 +235,7 @@ export function makePanels(editor, { row, title, heading, deeds, erase, renamed,
               row([...path, "limit"], "limit", { says: (v) => (v == null ? "as much as it takes" : "") }),
             ]
           : []),
-        row([...path, "collide"], "bump", { spec: { type: "boolean", description: "Whether the two objects also bump into each other." } }),
+        row([...path, "collide"], "bump", { spec: { type: "boolean", description: "Whether the two objects also collide with each other." } }),
       ];
     },
     field(entry) {

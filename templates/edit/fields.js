@@ -139,7 +139,7 @@ export function makeRow(editor, path, name, options = {}) {
       note.classList.add("wrong");
     } else if (from) {
       const who = Number.isFinite(sure) ? from.split(" ").slice(0, -1).join(" ") : from;
-      words = `by ${who}${Number.isFinite(sure) ? `, ${Math.round(100 * sure)} % sure` : ""}`;
+      words = `source: ${who}${Number.isFinite(sure) ? `, ${Math.round(100 * sure)} % sure` : ""}`;
       if (sure < DOUBT) note.classList.add("doubt");
     } else words = options.says?.(shown()) || "";
     if (focused && kind === "number" && !value?.wrong) words = [words, ranged(spec)].filter(Boolean).join(" · ");

@@ -5,9 +5,9 @@ import { element, part } from "./elements.js";
 const KEPT = "physgen-edit-hint";
 const YEARS = 10 * 365 * 86400; // s
 const STEPS = [
-  ["Push", "Drag from an object: the arrow is its velocity, and its true motion shows at once."],
-  ["Put right", "To do lists what the photo left in doubt. Click an object to change what it is made of; Mask corrects its pixels."],
-  ["Keep", "Undo takes back anything. Save writes the YAML file that you see beside the picture; Render makes the video."],
+  ["Push", "Drag from an object: the arrow is its velocity, and its simulated motion shows at once."],
+  ["Correct", "To do lists uncertain values. Click an object to change its material; Mask corrects its pixels."],
+  ["Save", "Undo takes back any edit. Save writes the YAML file; Render makes the video."],
 ];
 
 export function start(editor) {
@@ -31,7 +31,7 @@ export function start(editor) {
       card.dataset.step = String(step + 1);
     }
     drawn();
-    part("stage").append(card);
+    part("run").prepend(card); // beside the photo: it covers no object
   }
 
   function close() {

@@ -37,7 +37,7 @@ export function start(editor) {
     rows = [];
     body.replaceChildren(
       ...(!scene()
-        ? [element("p.empty", {}, "The scene cannot be read as it stands: see To do or YAML for what is wrong.")]
+        ? [element("p.empty", {}, "The scene file has errors: see To do or YAML.")]
         : entry
           ? panels[entry.kind](entry)
           : list()),

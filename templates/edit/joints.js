@@ -86,8 +86,8 @@ export function start(editor) {
     held.hidden = editor.tool?.name !== "joint";
     blown.hidden = editor.tool?.name !== "field";
     held.querySelector("p").textContent =
-      hold === "spring" ? "Drag from an object to where the spring ends." : "Click where it holds: two objects there, or one and the world.";
-    blown.querySelector("p").textContent = field === "wind" ? "Drag the way it blows." : "Click where it pulls to.";
+      hold === "spring" ? "Drag from an object to where the spring ends." : "Click where the joint is: it connects the two objects there, or one and the world.";
+    blown.querySelector("p").textContent = field === "wind" ? "Drag in the direction of the wind." : "Click the point that attracts.";
   }
   editor.on("tool", describe);
 
@@ -157,7 +157,7 @@ export function start(editor) {
       const by = pixel(editor),
         [first, below] = all(from);
       if (!first) {
-        editor.say("Begin on an object: a joint holds one or two of them");
+        editor.say("Begin on an object: a joint connects one or two");
         return;
       }
       if (hold === "spring") {
@@ -186,7 +186,7 @@ export function start(editor) {
   );
   tool(
     "field",
-    "Make a wind or an attractor",
+    "Add wind or an attractor",
     "Field",
     "f",
     "M3 8h10a2.5 2.5 0 1 0-2.5-2.5H8.5A4.5 4.5 0 1 1 13 10H3zm0 3.5h14.5a3.5 3.5 0 1 1-3.5 3.5h2a1.5 1.5 0 1 0 1.5-1.5H3zm0 4h7a3 3 0 1 1-3 3h2a1 1 0 1 0 1-1H3z",
@@ -200,7 +200,7 @@ export function start(editor) {
       const vector = [to[0] - from[0], to[1] - from[1]],
         far = Math.hypot(...vector);
       if (far < 6 * stage().unit) {
-        editor.say("Drag the way the wind blows");
+        editor.say("Drag in the direction of the wind");
         return;
       }
       // as far as a fall of that height is fast; and so strong that it pushes a middling object with its weight

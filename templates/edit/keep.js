@@ -66,7 +66,7 @@ export function start(editor) {
     asking = true;
     const answer = await ask({
       title: `Another program changed ${editor.state.file.name}`,
-      body: "You changed it, too. Which is to stand? The other stays in the history: Undo brings it back.",
+      body: "You changed it, too. Which version should be kept? The other stays in the history: Undo brings it back.",
       choices: [{ value: "mine", label: "Overwrite with mine", main: true }, { value: "theirs", label: "Reload theirs" }, { value: null, label: "Not now" }],
     });
     asking = false;
@@ -76,7 +76,7 @@ export function start(editor) {
   const outside = () => {
     const { file } = editor.state;
     if (file.outside === "changed") banner("outside", `Another program changed ${file.name} while you edited it.`, [["Choose …", () => saving()]], { kind: "warn", closes: false });
-    else if (file.outside === "gone") banner("outside", `${file.name} is no longer in its folder. What you see is kept; Save writes the file again.`, [["Save", () => saving()]], { kind: "warn", closes: false });
+    else if (file.outside === "gone") banner("outside", `${file.name} is no longer in its folder. Your text is kept; Save writes the file again.`, [["Save", () => saving()]], { kind: "warn", closes: false });
     else banner("outside", null);
   };
 
@@ -84,7 +84,7 @@ export function start(editor) {
   editor.on("server", (event) => {
     if (event.type !== "file") return;
     const { name } = editor.state.file;
-    if (event.outcome === "taken") banner("taken", `Another program changed ${name}: this is its text now. Undo goes back.`);
+    if (event.outcome === "taken") banner("taken", `Another program changed ${name}: its text is shown now. Undo goes back.`);
     editor.catchUp();
   });
 
@@ -92,7 +92,7 @@ export function start(editor) {
   editor.on("state", ({ state }) => {
     if (first) {
       first = false;
-      if (state.file.recovered && !state.file.saved) banner("recovered", "These are the edits of last time, which were not saved. Undo takes them back.",
+      if (state.file.recovered && !state.file.saved) banner("recovered", "These edits of the last session were not saved. Undo takes them back.",
         [["Back to the saved file", async () => { banner("recovered", null); await saving("theirs"); }]]);
     } else if (state.file.saved) banner("recovered", null);
     outside();
@@ -105,7 +105,7 @@ export function start(editor) {
     up = now;
     if (up) editor.say("The server is back");
     const { name, folder } = editor.state.file, command = `physgen edit ${quoted(`${folder}/${name}`)}`;
-    banner("link", up ? null : `The editor's server does not answer. All edits that it answered are kept; what you do now is not. Start it again, and open the address that it prints: ${command}`,
+    banner("link", up ? null : `The editor's server does not answer. Earlier edits are kept; new ones are not. Start it again, and open the address that it prints: ${command}`,
       [["Copy the command", () => editor.copy(command)]], { kind: "bad", closes: false });
     showSaved();
   });

@@ -106,7 +106,7 @@ export function start(editor) {
         "p.deeds",
         {},
         button("Close", () => dialog.close(), { class: "act main" }),
-        button("The first steps again", () => {
+        button("Show the first steps", () => {
           dialog.close();
           editor.showHint?.();
         }),

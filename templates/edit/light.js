@@ -48,7 +48,7 @@ export function start(editor) {
       "aria-label",
       light()
         ? `Light from ${hours} o'clock, ${Math.round((Math.asin(Math.abs(lz)) * 180) / Math.PI)} degrees ${lz < 0 ? "from behind" : "to the front"}; arrow keys turn it`
-        : "No light is known: press an arrow key or drag to set one",
+        : "No light set: press an arrow key or drag to set one",
     );
   }
   const made = (direction) => {

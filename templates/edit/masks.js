@@ -6,12 +6,12 @@ import { element, icon, isolated, part } from "./elements.js";
 import { makeCover } from "./covers.js";
 
 const WAYS = [
-  { name: "box", label: "Box", icon: "M3 5h4v2H5v2H3zm14 0h4v4h-2V7h-2zM3 15h2v2h2v2H3zm16 0h2v4h-4v-2h2zM9 5h6v2H9zm0 12h6v2H9zM3 10.5h2v3H3zm16 0h2v3h-2z", hint: (name) => (name ? "Draw a box around the whole of it" : "Draw a box around an object"), one: false },
-  { name: "point", label: "Point", icon: "M11 2h2v5h-2zm0 15h2v5h-2zM2 11h5v2H2zm15 0h5v2h-5zM12 9.5a2.5 2.5 0 1 1 0 5 2.5 2.5 0 0 1 0-5", hint: (name) => (name ? "Click in the middle of it" : "Click on an object"), one: false },
+  { name: "box", label: "Box", icon: "M3 5h4v2H5v2H3zm14 0h4v4h-2V7h-2zM3 15h2v2h2v2H3zm16 0h2v4h-4v-2h2zM9 5h6v2H9zm0 12h6v2H9zM3 10.5h2v3H3zm16 0h2v3h-2z", hint: (name) => (name ? "Draw a box around the whole object" : "Draw a box around an object"), one: false },
+  { name: "point", label: "Point", icon: "M11 2h2v5h-2zm0 15h2v5h-2zM2 11h5v2H2zm15 0h5v2h-5zM12 9.5a2.5 2.5 0 1 1 0 5 2.5 2.5 0 0 1 0-5", hint: (name) => (name ? "Click in its middle" : "Click on an object"), one: false },
   { name: "brush", label: "Brush", icon: "M20.7 3.3a1.5 1.5 0 0 0-2.1 0L9.5 12.4l2.1 2.1 9.1-9.1a1.5 1.5 0 0 0 0-2.1M8.2 13.5A3.5 3.5 0 0 0 4.7 17c0 1.2-.9 2-1.9 2.2.9 1.1 2.5 1.8 4 1.8a4 4 0 0 0 4-4 3.5 3.5 0 0 0-2.6-3.5", hint: () => "Paint what belongs to it", one: true },
-  { name: "eraser", label: "Eraser", icon: "M15.1 3.6 3.6 15.1a2 2 0 0 0 0 2.8L6.7 21H21v-2h-8.3l7.7-7.7a2 2 0 0 0 0-2.8l-4.3-4.9a.7.7 0 0 0-1 0M9.5 12l4.5 4.5L10.5 19H7.5L5 16.5z", hint: () => "Wipe away what does not belong to it", one: true },
+  { name: "eraser", label: "Eraser", icon: "M15.1 3.6 3.6 15.1a2 2 0 0 0 0 2.8L6.7 21H21v-2h-8.3l7.7-7.7a2 2 0 0 0 0-2.8l-4.3-4.9a.7.7 0 0 0-1 0M9.5 12l4.5 4.5L10.5 19H7.5L5 16.5z", hint: () => "Erase what does not belong to it", one: true },
   { name: "polygon", label: "Outline", icon: "M12 2.5 21.5 9 18 20.5H6L2.5 9zm0 2.4L4.8 9.8l2.7 8.7h9l2.7-8.7z", hint: (name) => `Click its corners, then Enter or the first again${name ? "" : ": a new object"}`, one: false },
-  { name: "split", label: "Cut", icon: "M5.5 3.5 20 18l-1.5 1.5L4 5zM6 14a3 3 0 1 1 0 6 3 3 0 0 1 0-6M18 4a3 3 0 1 1 0 6 3 3 0 0 1 0-6", hint: () => "Draw a line across it: two objects come of it", one: true },
+  { name: "split", label: "Cut", icon: "M5.5 3.5 20 18l-1.5 1.5L4 5zM6 14a3 3 0 1 1 0 6 3 3 0 0 1 0-6M18 4a3 3 0 1 1 0 6 3 3 0 0 1 0-6", hint: () => "Draw a line across it to make two objects", one: true },
   { name: "merge", label: "Join", icon: "M8 5a7 7 0 0 1 4 1.3A7 7 0 1 1 12 17.7 7 7 0 1 1 8 5m4 3.9a5 5 0 0 0 0 6.2 5 5 0 0 0 0-6.2", hint: () => "Click what belongs to it, too", one: true },
   { name: "new", label: "New object", icon: "M11 5h2v6h6v2h-6v6h-2v-6H5v-2h6z", hint: () => "Draw a box around an object that was not found", one: false },
 ];
@@ -29,7 +29,7 @@ export function start(editor) {
   const size = () => editor.stage.size();
 
   // ---- the strip over the photo
-  const ways = element("div", { class: "mask-ways", role: "radiogroup", "aria-label": "Ways to correct a mask" }, ...WAYS.map((one, k) => element("button", {
+  const ways = element("div", { class: "mask-ways", role: "radiogroup", "aria-label": "Tools to correct a mask" }, ...WAYS.map((one, k) => element("button", {
     type: "button", role: "radio", "data-way": one.name, "aria-checked": "false", "aria-label": one.label, title: `${one.label} (${k + 1})`,
     on: { click: () => { take(one.name); stage.focus({ preventScroll: true }); } } }, icon(one.icon), element("span", { "aria-hidden": "true" }, one.label))));
   const slider = element("input", { type: "range", min: SMALLEST, max: 60, step: 1, value: radius, "aria-label": "Size of the brush, px", on: { input: () => resize(Number(slider.value)) } });
@@ -73,7 +73,7 @@ export function start(editor) {
     if (document.activeElement !== label) label.value = (name && editor.state?.scene?.objects?.[name]?.label) ?? "";
     close.hidden = way.name !== "polygon" || corners.length < 3;
     strip.classList.toggle("busy", busy > 0);
-    words.replaceChildren(...(busy ? [busy > 1 ? `The picture follows, ${busy} to go …` : "The picture follows …"] : !editor.state?.scene ? ["Mend the file first: see YAML"]
+    words.replaceChildren(...(busy ? [busy > 1 ? `Applying corrections, ${busy} to go …` : "Applying the correction …"] : !editor.state?.scene ? ["Fix the errors of the file first: see YAML"]
       : way.one && !name ? ["Choose an object first: click it"]
       : [...(name && way.name !== "new" ? [element("b", {}, isolated(name)), ": "] : []), way.hint(name)]));
   }
@@ -116,7 +116,7 @@ export function start(editor) {
     try {
       const state = await editor.maskOp(op);
       const found = state?.made ?? Object.keys(state?.scene?.objects ?? {}).find((name) => !before.has(name));
-      if (found && op.kind !== "relabel") { editor.select(found); editor.say(`${found} is new: say what it is`); }
+      if (found && op.kind !== "relabel") { editor.select(found); editor.say(`${found} is new: give it a label`); }
       else editor.say(typeof then === "function" ? then(state) : then ?? "Corrected");
     } catch { /* reported by the editor */ } finally {
       busy -= 1;
@@ -199,7 +199,7 @@ export function start(editor) {
     stage.focus({ preventScroll: true }); // keys are the tools' again
     if (!name || text === (editor.state.scene.objects[name].label ?? "")) return;
     const numbers = ({ scene }) => JSON.stringify(["mass", "density", "friction", "elasticity", "rolling"].map((key) => scene?.objects[name]?.[key])), before = numbers(editor.state);
-    await ask({ kind: "relabel", object: name, label: text }, (state) => (numbers(state) === before ? `${name} is a ${text}: its numbers stay as they are` : `${name} is a ${text}: its numbers follow`));
+    await ask({ kind: "relabel", object: name, label: text }, (state) => (numbers(state) === before ? `${name} is a ${text}: its numbers are unchanged` : `${name} is a ${text}: its numbers were updated`));
   }
 
   function cancel() {

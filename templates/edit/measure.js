@@ -17,7 +17,7 @@ export function start(editor) {
       ["m", 1],
     ].map(([name, worth]) => element("option", { value: String(worth) }, name)),
   );
-  const words = element("p", {}, "Drag along something whose length you know."),
+  const words = element("p", {}, "Drag along a known length."),
     done = button("Set the scale", set, { class: "act main" });
   const strip = element("div.strip", { hidden: true }, words, number, unit, done);
   part("beside").append(strip);
@@ -25,7 +25,7 @@ export function start(editor) {
   function describe() {
     strip.hidden = editor.tool?.name !== "measure";
     for (const made of [number, unit, done]) made.hidden = long() < 3 || drawing;
-    words.textContent = long() < 3 ? "Drag along something whose length you know." : `${long().toFixed(1)} px are`;
+    words.textContent = long() < 3 ? "Drag along a known length." : `${long().toFixed(1)} px are`;
   }
   async function set() {
     const meters = Number(number.value.replace(",", ".")) * unit.value,

@@ -6,8 +6,8 @@ import { ask } from "./api.js";
 const HELD = 700; // ms that the end of a run is seen before the page goes back by itself
 const RATES = [2, 1, 1 / 2, 1 / 4, 1 / 8, 1 / 16];
 const OWN = [
-  { key: "w", id: "ways", name: "Ways", ink: "#ffc233" },
-  { key: "g", id: "before", name: "Run before", ink: "#c4c8d2" },
+  { key: "w", id: "ways", name: "Paths", ink: "#ffc233" },
+  { key: "g", id: "before", name: "Previous motion", ink: "#c4c8d2" },
   { key: "s", id: "shadows", name: "Shadows", ink: "#556" },
   { key: "u", id: "masses", name: "Masses", ink: "#fff" },
 ];

@@ -27,7 +27,7 @@ export function start(editor) {
     element("p", { class: "render-row" }, element("label", { class: "render-check" }, refine, " Refine with a video model"), refined),
     element("p", { class: "render-row" }, go, stop),
     running, failed, results, log,
-    element("h3", {}, "The same on the command line"),
+    element("h3", {}, "Command line equivalent"),
     element("p", { class: "render-command-row" }, command, element("button", { type: "button", class: "act", on: { click: () => editor.copy(command.textContent) } }, "Copy")));
   const panel = editor.addPanel({ id: "render", title: "Render", element: form, order: 50 });
   let busy = false, ordering = false, looking = 0, wanted = 0, first = true, marked = null;
@@ -46,7 +46,7 @@ export function start(editor) {
     } else if (before && (before.variant ?? null) !== (state.variant ?? null)) for (const box of which.querySelectorAll("input")) box.checked = box.value === (state.variant ?? BASE);
     const backend = state.scene?.refine?.backend ?? state.scene?.render?.refine ?? null;
     refine.disabled = !backend || backend === "none";
-    refined.textContent = refine.disabled ? "The file names none: set refine.backend in it first. The command physgen backends lists them." : `By ${backend}.`;
+    refined.textContent = refine.disabled ? "The file names no backend: set refine.backend first. physgen backends lists them." : `By ${backend}.`;
     showCommand();
     if (first) { first = false; look(); }
   });
@@ -58,7 +58,7 @@ export function start(editor) {
   async function showCommand() {
     const errors = editor.state?.problems?.some((problem) => problem.severity === "error");
     go.disabled = busy || ordering || errors || !picked().length;
-    go.title = errors ? "Mend the errors of the file first" : picked().length ? "" : "Choose what to render";
+    go.title = errors ? "Fix the errors of the file first" : picked().length ? "" : "Choose what to render";
     if (panel.panel.hidden || !editor.state) return;
     const mine = (wanted += 1), chosen = picked();
     const line = (variant) => editor.request("GET", `/api/command?${new URLSearchParams({ format: format.value, refine: String(refine.checked || refine.disabled), ...(variant === null ? {} : { variant }) })}`);

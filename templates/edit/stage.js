@@ -124,7 +124,7 @@ export function start(editor) {
   editor.on("state", ({ state }) => {
     stage.classList.toggle("stale", !state.motion);
     part("stale").hidden = Boolean(state.motion);
-    part("stale").textContent = editor.player.run ? "Shown as it was: the file has an error." : "The file has an error: see YAML.";
+    part("stale").textContent = editor.player.run ? "The file has an error: the last valid scene is shown." : "The file has an error: see YAML.";
     redraw();
   });
   editor.on("motion", () => {
@@ -270,7 +270,7 @@ export function start(editor) {
     }
     if (event.button !== 0 || !editor.state) return;
     if (!editor.state.scene) {
-      editor.say("What is shown is the scene as it was: mend its text first, see YAML");
+      editor.say("The file has an error: the last valid scene is shown; fix the text first, see YAML");
       return;
     }
     const point = api.point(event);

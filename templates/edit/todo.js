@@ -30,7 +30,7 @@ export function start(editor) {
   function drawn() {
     panel.badge?.(items.length ? String(items.length) : null);
     const tally = Object.entries(SAID).map(([kind, word]) => [items.filter((item) => item.kind === kind).length, word.toLowerCase()]).filter(([count]) => count);
-    sums.textContent = items.length ? tally.map(([count, word]) => `${count} ${word}`).join(", ") : editor.state?.scene ? "Nothing is doubtful: everything was set by hand or is sure enough." : "The file cannot be read yet: see YAML.";
+    sums.textContent = items.length ? tally.map(([count, word]) => `${count} ${word}`).join(", ") : editor.state?.scene ? "Nothing to do: every value was set by hand or is certain enough." : "The file cannot be read yet: see YAML.";
     list.replaceChildren(...items.slice(0, shown).map(made));
     more.hidden = items.length <= shown;
     marked();

@@ -81,7 +81,7 @@ export function start(editor) {
   }
   async function rename() {
     const was = editor.variant, answer = await asked(`Rename ${was}`, "Rename", was);
-    if (answer) await inFile([{ rename: ["variants", was], to: answer.text }], `${was} is called ${answer.text}`, answer.text);
+    if (answer) await inFile([{ rename: ["variants", was], to: answer.text }], `${was} renamed to ${answer.text}`, answer.text);
   }
   // as text, so that its remarks come along
   async function duplicate() {

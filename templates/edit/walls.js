@@ -106,7 +106,7 @@ export function start(editor) {
     strip.hidden = editor.tool?.name !== "wall";
     finish.hidden = drawn.length < 2;
     hint.textContent = drawn.length
-      ? "Click on for a chain; Enter or a double click ends it, Esc leaves it."
+      ? "Click on for a chain; Enter or a double click ends it, Esc cancels."
       : "Drag for one wall, or click from point to point.";
   }
   editor.on("tool", describeTool);

@@ -37,7 +37,7 @@ export function start(editor) {
     shown = form();
     rows = [];
     if (!editor.state?.scene) {
-      body.replaceChildren(element("p.empty", {}, "The scene cannot be read as it stands."));
+      body.replaceChildren(element("p.empty", {}, "The scene file has errors."));
       return;
     }
     dial = pull.makeDial();
@@ -108,7 +108,7 @@ export function start(editor) {
             row(["light", "ambient"], "ambient", { step: 0.05 }),
             row(["light", "softness"], "softness", { step: 1 }),
           ]
-        : [element("p.empty", {}, "None is known. Drag the sphere on the photo to set one.")]),
+        : [element("p.empty", {}, "No light set. Drag the sphere on the photo to set one.")]),
     );
   }
   loadSchema().then(() => {

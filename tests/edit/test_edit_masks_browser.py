@@ -119,7 +119,7 @@ def test_a_click_chooses_and_a_label_gives_the_keys_back(
         desk.page.fill(".mask-label input", "steel ball")
         desk.page.press(".mask-label input", "Enter")
         done(desk)
-        assert "its numbers stay as they are" in desk.page.inner_text("[data-part=status]")
+        assert "its numbers are unchanged" in desk.page.inner_text("[data-part=status]")
         assert desk.page.inner_text("#panel-object .about") == "steel ball"
         desk.page.keyboard.press("4")
         assert desk.page.get_attribute("[data-way=eraser]", "aria-checked") == "true"
