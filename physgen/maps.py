@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import cv2
@@ -33,7 +34,7 @@ class Percepts:
     rgb: U8
     """(H, W, 3) sRGB."""
     labels: U16
-    """(H, W), 0 = background; every object, truncated ones too."""
+    """(H, W), 0 = background; every object, truncated ones too, and regions that may be objects."""
     coverage: F32 | None = None
     """(H, W) in 0..1: the share of the pixel that objects cover, soft at their borders."""
     background: U8 | None = None
@@ -50,6 +51,14 @@ class Percepts:
     """(H, W, 3) linear."""
     shading: F32 | None = None
     """(H, W) linear."""
+
+    @cached_property
+    def cut_out(self) -> U16:
+        """(H, W): the labels without regions that `coverage` leaves out: what is doubtful stays in `background`."""
+        if self.coverage is None:
+            return self.labels
+        covered = np.bincount(self.labels.ravel(), self.coverage.ravel() > 0) > 0
+        return np.where(covered[self.labels], self.labels, np.uint16(0))
 
 
 MOST_IDS = 10_000

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import pairwise
 from math import radians
+from zlib import crc32
 
 import cv2
 import numpy as np
@@ -21,6 +22,7 @@ from physgen.geometry.raster import coverage_box
 from physgen.geometry.regions import fit_regions
 from physgen.problems import InputError, Problem
 from physgen.scene.scene import (
+    Auto,
     Boundary,
     Box,
     Circle,
@@ -181,7 +183,7 @@ class Shapes:
     """Of a scene's N objects, and of those of its boundaries that are masks."""
 
     written: tuple[Outline | None, ...]
-    """Outlines as the file has them; None where one is fitted, or the shape is none."""
+    """Outlines as the file or the assets have them; None where one is fitted."""
     labels: U16
     """(H, W): id k + 1 is the k-th object; 0 = background."""
     fits: Fitted
@@ -194,14 +196,23 @@ class Shapes:
 
 def shapes_of(scene: Scene, labels: U16 | None) -> Shapes:
     """`labels` (H, W) is the photo's label map, None for a scene without one. Raises InputError."""
-    written = [_written(item.shape) for item in scene.objects]
+    written = [_written(item, labels) for item in scene.objects]
     of_objects = object_labels(scene, labels, written)
     fits = fit_masks(scene, labels, of_objects, [k + 1 for k, it in enumerate(written) if it is None])
     return Shapes(tuple(written), of_objects, fits)
 
 
-def _written(shape: Shape) -> Outline | None:
-    """Outline of an explicit shape; None for `auto`."""
+def mask_crc(labels: U16, id_: int) -> int:
+    """CRC-32 of the pixels of an id, by which a stored outline knows its mask."""
+    return crc32(np.packbits(labels == id_).tobytes())
+
+
+def _written(item: Object, labels: U16 | None) -> Outline | None:
+    """Outline of an explicit shape, or of one that is stored for the mask as it is; None where it is fitted."""
+    shape: Shape | None = item.shape
+    if isinstance(shape, Auto):
+        known = isinstance(item.mask, MaskId) and labels is not None and shape.stored is not None
+        shape = shape.stored if known and mask_crc(labels, item.mask.id) == shape.crc else None  # type: ignore[arg-type, union-attr]
     match shape:
         case Circle(center=center, radius=radius):
             return Disc(np.array(center, np.float64), float(radius))

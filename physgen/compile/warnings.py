@@ -137,7 +137,7 @@ def maps_cover_masks(maps: Percepts, labels: U16, scenery: Mask) -> bool:
 
     `labels` (H, W) are the scene's objects, 0 = none; `scenery` (H, W) are pixels that show a boundary.
     """
-    if ((labels > 0) & (maps.labels == 0)).any():
+    if ((labels > 0) & (maps.cut_out == 0)).any():
         return False
     if maps.coverage is None or not scenery.any():
         return True
@@ -154,7 +154,7 @@ def photo_differs(scene: Scene, compiled: Compiled, maps: Percepts | None) -> It
         return
     if not maps_cover_masks(maps, compiled.labels, compiled.scenery):  # it is made anew, of the photo
         return
-    bare = ~_grown((maps.coverage > 0) | (maps.labels > 0) | (compiled.labels > 0), LIMITS.near)
+    bare = ~_grown((maps.coverage > 0) | (maps.cut_out > 0) | (compiled.labels > 0), LIMITS.near)
     if np.array_equal(maps.rgb[bare], maps.background[bare]):
         return
     off = _mean_difference(maps.rgb, maps.background, bare)

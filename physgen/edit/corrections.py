@@ -153,7 +153,7 @@ def _finish(work: Correction, out: Path) -> None:
 
 def _paint(work: Correction) -> Painted:
     """The label maps after the correction. Raises EditError."""
-    scene, labels, before = work.scene, work.labels, work.maps.labels
+    scene, labels, before = work.scene, work.labels, work.maps.cut_out
     ids = {item.name: k + 1 for k, item in enumerate(scene.objects)}
     ids |= {name: len(scene.objects) + 1 + k for k, name in enumerate(work.fresh)}
     corrected = (*work.masks, *work.fresh)

@@ -146,7 +146,7 @@ def changed_entry(
         result["label"] = label
         if "from" in result:
             result["from"] = {key: who for key, who in result["from"].items() if key != "label"}
-    if result.get("shape", "auto") != "auto":
+    if isinstance(result.get("shape"), Mapping):
         result["shape"] = document.shape_entry(one.outline)
     if not isinstance(one.outline, Disc):  # only round objects roll
         if result.get("solid", "plate") != "plate":

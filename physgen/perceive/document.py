@@ -7,7 +7,7 @@ import fnmatch
 import json
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import atan2, degrees, floor
 from pathlib import Path
@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from physgen import __version__
+from physgen.compile.shapes import fill_polygon, mask_crc
 from physgen.files import resource, write_atomic, write_with_backup
 from physgen.geometry.polygon import Array, Disc, Outline, mass_properties
 from physgen.maps import Keep, ignore_kept_file, write_assets, write_png
@@ -26,6 +27,7 @@ from physgen.perceive.roles import (
     BoundaryGuess,
     Detections,
     Doubt,
+    Labels,
     LightGuess,
     Matter,
     Name,
@@ -37,14 +39,14 @@ from physgen.perceive.roles import (
 from physgen.perceive.support.viewpoint import DOUBTS
 from physgen.photometry import DistantLight
 from physgen.problems import InputError, Place, Problem, Severity
-from physgen.scene.files import MAPS
+from physgen.scene.files import MAPS, OUTLINES
 from physgen.scene.scene import Solid, View
 from physgen.scene.write import scene_text
 
 GENERIC = ("object", "thing")
 """Labels without meaning."""
-DOUBTFUL = "perhaps objects, too: to have one, take the # and the space behind it away"
-"""Above regions that are too doubtful to be objects."""
+MOST_CORNERS = 12
+"""Of a polygon that is written into the scene; longer ones lie in the assets."""
 RECORD = "perceived.json"
 """Which backend did each step of perceiving, how long it took and what it cost."""
 SCHEMA = "scene-1.schema.json"
@@ -170,7 +172,11 @@ def object_entries(
         at = f"objects.{name}"
         sources = {"mask": _mask_source(found, item.id)}
         if label_sources[item.id]:
-            sources["label"] = label_provenance(labels[item.id], label_sources[item.id])
+            sources["label"] = provenance(
+                labels[item.id].source or label_sources[item.id], labels[item.id].confidence
+            )
+            if others := labels[item.id].likely:
+                comments[f"{at}.label"] = "or " + ", ".join(f"{label} {chance:g}" for label, chance in others)
         sources["mass"] = provenance(table, its.confidence)
         sources["friction"] = provenance(table, 0.5 * its.confidence + 0.2)
         sources["elasticity"] = sources["friction"]
@@ -179,8 +185,8 @@ def object_entries(
             "label": item.label,
             "mask": item.id,
             "shape": shape_entry(item.outline),
-            "solid": its.solid.value,
-            "mass": its.mass,
+            **({"solid": its.solid.value} if isinstance(item.outline, Disc) else {}),
+            "mass": _short(its.mass),
             "friction": max(its.friction, grip),
             "elasticity": its.elasticity,
         }
@@ -207,8 +213,6 @@ def object_entries(
             sources["layer"] = provenance("outlines", max(order.confidence for order in behind))
             comments[f"{at}.layer"] = hides_comment([called[order.behind] for order in behind])
         comments[f"{at}.mass"] = f"g: {its.reason}"
-        if not entries and found.doubtful:
-            comments[at] = doubt_comments(found.doubtful, found.source)
         entries[name] = {**one, "from": sources}
         if item.id in found.prompts:
             entries[name]["prompt"] = dict(found.prompts[item.id])
@@ -227,16 +231,6 @@ def provenance(source: str, confidence: float) -> str:
     'table 0.4'
     """
     return f"{source} {round(confidence, 2):g}"
-
-
-def label_provenance(name: Name, backend: str) -> str:
-    """The source of a label, what else the object may be, and the label's confidence, as `from` has it.
-
-    >>> label_provenance(Name("mug", 0.81, (("pitcher", 0.12), ("cup", 0.05))), "imagenet")
-    'imagenet (or pitcher 0.12, cup 0.05) 0.81'
-    """
-    others = ", ".join(f"{label} {chance:g}" for label, chance in name.likely)
-    return provenance((name.source or backend) + (f" (or {others})" if others else ""), name.confidence)
 
 
 def light_entry(light: DistantLight) -> dict[str, Any]:
@@ -258,8 +252,8 @@ def view_entry(shadows: Shadows, side: bool) -> dict[str, Any]:
 def shape_entry(outline: Outline) -> dict[str, Any]:
     """`shape:` of an outline, to 0.01 px; radii are rounded down, so that balls that touch do not overlap."""
     if isinstance(outline, Disc):
-        x, y = (round(float(c), 2) for c in outline.center)
-        return {"circle": {"center": [x, y], "radius": max(0.01, floor(outline.radius * 100) / 100)}}
+        (center,) = corners(outline.center[None])
+        return {"circle": {"center": center, "radius": _short(max(0.01, floor(outline.radius * 100) / 100))}}
     rings = outline.rings
     if len(rings) == 1 and not rings[0].holes:
         if (box := _box(rings[0].outer)) is not None:
@@ -282,9 +276,9 @@ def _box(points: Array) -> dict[str, Any] | None:
     lengths = np.hypot(*sides.T)
     if np.hypot(*(sides[0] + sides[2])) > 1e-6 or abs(sides[0] @ sides[1]) > 1e-6 * lengths.max() ** 2:
         return None
-    x, y = (round(float(c), 2) for c in points.mean(axis=0))
-    angle = round(degrees(atan2(sides[0][1], sides[0][0])), 3) + 0.0
-    box: dict[str, Any] = {"center": [x, y], "size": [round(float(side), 2) for side in lengths[:2]]}
+    (center, size) = corners(np.array([points.mean(axis=0), lengths[:2]]))
+    angle = _short(round(degrees(atan2(sides[0][1], sides[0][0])), 3) + 0.0)
+    box: dict[str, Any] = {"center": center, "size": size}
     return box | ({"angle": angle} if angle else {})
 
 
@@ -293,12 +287,17 @@ def corners(points: Array) -> list[list[float]]:
     rounded = np.round(points, 2) + 0.0
     fresh = np.any(rounded != np.roll(rounded, 1, axis=0), axis=1)
     kept = rounded[fresh] if fresh.sum() >= 3 else rounded
-    return [[float(x), float(y)] for x, y in kept]
+    return [[_short(x), _short(y)] for x, y in kept]
+
+
+def _short(value: float) -> float:
+    """The number, as a whole one where it is one: 18, not 18.0."""
+    return int(value) if float(value).is_integer() else float(value)
 
 
 def wall_entry(wall: Wall) -> dict[str, Any]:
     """One boundary: a segment of two points, a polyline of more."""
-    points = [[float(x), float(y)] for x, y in wall.points]
+    points = [[_short(x), _short(y)] for x, y in wall.points]
     entry: dict[str, Any] = {"segment": points} if len(points) == 2 else {"polyline": points}
     entry |= {"friction": wall.friction, "elasticity": wall.elasticity}
     return entry | {"from": provenance(wall.source, wall.confidence)}
@@ -338,6 +337,8 @@ def scene_comments(
     }
     if boundaries.view is View.TOP:
         comments["world.table"] = "friction cannot be seen: 0 lets objects glide for ever, 0.2 is cloth"
+    if found.doubtful:
+        comments["doubtful"] = "perhaps objects, too: move a line to objects to have one"
     return comments | {f"boundaries.{wall.name}": wall.reason for wall in boundaries.walls}
 
 
@@ -392,9 +393,12 @@ def summary(perceived: PerceivedScene) -> list[str]:
     )
     table["motion"] = table["motion"] or "nothing is pushed; try render --push NAME=right"
     unsure = [f"{name} {one:g}" for name, one in sure.items() if one < DOUBTS.most]
-    regions = comments.get(f"objects.{next(iter(objects))}", "").count("maybe-")
+    regions = len(document.get("doubtful", ()))
     doubts = [f"{', '.join(unsure)}: delete the entry of what is no object"] if unsure else []
-    doubts += [f"{counted(regions, 'region')} may be objects, too: see maybe-1"] if regions else []
+    if regions:
+        doubts.append(
+            f"{counted(regions, 'region')} may be objects, too: move maybe-1 ... to objects to have them"
+        )
     if doubts:
         table["doubtful"] = "; ".join([*doubts, "--box and --point mark what is missing"])
     return [first, *(f"  {name:<9} {' '.join(text.split())}" for name, text in table.items())]
@@ -409,14 +413,17 @@ def counted(number: int, noun: str) -> str:
     return f"{number:,} {noun}{'s' * (number != 1)}"
 
 
-def doubt_comments(doubtful: Sequence[Doubt], source: str) -> str:
-    """Lines for the scene's comments: regions that the user may take for objects by uncovering a line."""
-    lines = [DOUBTFUL]
-    for k, doubt in enumerate(doubtful, 1):
-        points = ", ".join(f"[{x:g}, {y:g}]" for x, y in doubt.polygon)
-        mask = provenance(source, doubt.confidence)
-        lines.append(f"maybe-{k}: {{mask: {{polygon: [{points}]}}, from: {{mask: {mask}}}}}")
-    return "\n".join(lines)
+def with_doubtful(labels: Labels, doubtful: Sequence[Doubt]) -> tuple[Labels, dict[str, Any]]:
+    """The label map with ids for regions that may be objects, as far as no object is there, and `doubtful:`."""
+    result = labels.copy()
+    entries: dict[str, Any] = {}
+    for doubt in doubtful:
+        free = fill_polygon(tuple(doubt.polygon), (labels.shape[1], labels.shape[0])) & (result == 0)
+        id_ = int(result.max()) + 1
+        if np.count_nonzero(free) >= SMALLEST_OBJECT and id_ < 65536:
+            result[free] = id_
+            entries[f"maybe-{len(entries) + 1}"] = {"mask": id_, "confidence": round(doubt.confidence, 2)}
+    return result, entries
 
 
 # files
@@ -429,13 +436,15 @@ def write_scene(
     output: Path | None,
     assets: Path | None = None,
     keep: Keep = ignore_kept_file,
+    explicit: Collection[str] = (),
 ) -> str:
     """Writes the assets, and the scene file where `output` is given; returns the scene's text.
 
     Assets go to `OUTPUT-STEM.assets/` beside the scene, or `NAME.assets/` in the current folder, unless `assets` says
     otherwise. `photo` is its file, copied into them from outside the scene's folder; None where no scene can name the
     file as it is: it is then written as `NAME.png`. Existing files that differ are kept as `NAME~` (`keep` is called
-    with them). Raises InputError when the assets would lie outside the scene's folder.
+    with them). The shapes of `explicit` objects are written into the scene. Raises InputError when the assets would lie
+    outside the scene's folder.
     """
     folder = output.parent if output else Path()
     if assets is None:
@@ -463,13 +472,33 @@ def write_scene(
     write_with_backup(schema, resource("schemas", SCHEMA).read_bytes(), keep)
     values = perceived_values(perceived.document)
     record: dict[str, Any] = {"physgen": __version__, "steps": list(perceived.record), "values": values}
+    record["world"] = {"pixels_per_meter": perceived.document["world"].get("pixels_per_meter")}
     if (suits := perceived.suitability) is not None:
         record["suitability"] = {"verdict": suits.verdict, "reasons": list(suits.reasons)}
     write_atomic(assets / RECORD, json.dumps(record, ensure_ascii=False).encode() + b"\n")
+    body["objects"], outlines = stored_outlines(body["objects"], perceived.percepts.labels, explicit)
+    write_with_backup(assets / OUTLINES, outlines.encode(), keep)
     text = scene_text(head | body, perceived.comments, perceived.header, _relative(schema, folder))
     if output is not None:
         write_with_backup(output, text.encode("utf-8"), keep)
     return text
+
+
+def stored_outlines(
+    objects: Mapping[str, Any], labels: Labels, explicit: Collection[str]
+) -> tuple[dict[str, Any], str]:
+    """The objects, of which only `explicit` ones have shapes of more corners than are pleasant to read; the others' as
+    `outlines.json`."""
+    short, stored = {}, []
+    for name, item in objects.items():
+        shape, mask = item.get("shape"), item.get("mask")
+        kept = not isinstance(shape, Mapping) or len(shape.get("polygon", ())) <= MOST_CORNERS
+        if name not in explicit and isinstance(mask, int) and not (kept and "polygons" not in (shape or ())):
+            entry = {"crc": mask_crc(labels, mask), "shape": shape}
+            stored.append(f"{json.dumps(str(mask))}: {json.dumps(entry)}")
+            item = {key: value for key, value in item.items() if key != "shape"}
+        short[name] = item
+    return short, "{\n" + ",\n".join(stored) + "\n}\n"
 
 
 def perceived_values(document: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
@@ -483,6 +512,11 @@ def perceived_values(document: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
 def written_values(assets: Path | None) -> dict[str, dict[str, Any]]:
     """`perceived_values` of the run that wrote these assets; empty where they have no record of it."""
     return _recorded(assets, "values")
+
+
+def written_scale(assets: Path | None) -> float | None:
+    """px/m as the run wrote it that wrote these assets; None where they have no record of it."""
+    return _recorded(assets, "world").get("pixels_per_meter")
 
 
 def written_suitability(assets: Path | None) -> str:

@@ -57,9 +57,7 @@ from physgen.scene.scene import View
 
 Progress = Callable[[str, int, int], None]
 """Called with the stage that begins, how many are done, and of how many."""
-HEADER = """\
-A photo as physgen perceived it. Change any number and run: physgen render THIS-FILE
-A number that you have set is no guess any more: take its entry out of from, which render --fan goes by"""
+HEADER = "A photo as physgen perceived it. Change any number and run: physgen render THIS-FILE"
 UNKNOWN = BoundaryGuess(View.SIDE, 0.0, "", ())
 """Before boundaries are found."""
 POINT = "mark them with --masks FILE, --box x,y,w,h or --point x,y"
@@ -132,8 +130,9 @@ def perceive(
     if clean is not None and not shadows.faint:
         clean = refill_background(clean, background, coverage, partial(run.crew.call, "inpaint"))
     run.crew.release("inpaint")
+    labels, doubtful = document.with_doubtful(found.labels, found.doubtful)
     percepts = Percepts(
-        rgb=rgb, labels=found.labels, coverage=coverage, background=background, clean=clean, shadows=shadows.owners,
+        rgb=rgb, labels=labels, coverage=coverage, background=background, clean=clean, shadows=shadows.owners,
         depth=depth, normals=normals, albedo=intrinsics.albedo, shading=intrinsics.shading,
     )  # fmt: skip
 
@@ -151,6 +150,7 @@ def perceive(
         "world": _world(boundaries, per_meter, shadows),
         "objects": entries,
         "boundaries": {w.name: document.wall_entry(w) for w in boundaries.walls},
+        **({"doubtful": doubtful} if doubtful else {}),
         "light": _light(light, shadows),
     }
     scene["world"]["duration"], slow = playback(side, per_meter)
@@ -295,15 +295,11 @@ def _empty_scene(rgb: Rgb, found: Detections, pixels_per_meter: float | None) ->
         "objects": {}, "boundaries": {},
     }  # fmt: skip
     comments = {"objects": f"no region of the photo looks like a whole object that could be moved; {POINT}"}
-    if found.doubtful:
-        first, *lines = document.doubt_comments(found.doubtful, found.source).split("\n")
-        indented = "".join(f"\n  {line}" for line in lines)
-        comments["boundaries"] = f"{first}, and the {{}} after objects:{indented}"
-    empty = np.zeros(rgb.shape[:2])
+    labels, scene["doubtful"] = document.with_doubtful(np.zeros(rgb.shape[:2], np.uint16), found.doubtful)
     percepts = Percepts(
         rgb=rgb,
-        labels=empty.astype(np.uint16),
-        coverage=empty.astype(np.float32),
+        labels=labels,
+        coverage=np.zeros(labels.shape, np.float32),
         background=rgb,
         clean=None,
     )

@@ -14,16 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from physgen.materials import kind
-from physgen.perceive.roles import Detections, Labels, Name, PhotoObject, Rgb
-from physgen.perceive.scale import MIN_SCALE_CONFIDENCE, PAPER_SCALE, is_assumed, photo_scale
+from physgen.perceive.roles import Detections, Labels, Name, Rgb
+from physgen.perceive.scale import PAPER_SCALE, is_assumed
 from physgen.perceive.segment.prompts import Box, Point, Segmenter, from_prompts
 from physgen.scene.scene import BoxPrompt, MaskId, Object
 
 OVERLAP = (0.5, 0.3)
 """Share of the smaller mask, and of the old one, from which a new prompt means an existing object."""
-EQUAL = 0.01
-"""Relative difference of equal scales: outlines are written to 0.01 px."""
 WRITTEN = 1e-5
 """Relative difference of equal numbers: scenes are written with six digits or more."""
 PIXEL_KEYS = ("mask", "shape", "prompt")
@@ -120,17 +117,11 @@ def _label_confidence(item: Object) -> float:
     return float(text) if re.fullmatch(r"[01]?\.?\d+", text) else 1.0
 
 
-def follows_scale(
-    scene: Entry,
-    values: Mapping[str, Entry],
-    objects: Sequence[PhotoObject],
-    names: Mapping[int, Name],
-    side: int,
-) -> bool:
+def follows_scale(scene: Entry, values: Mapping[str, Entry], scale: float | None, side: int) -> bool:
     """Whether the scene's scale is perception's, and no number in the scene was made for it.
 
-    `values` are those that perception wrote, by object; `objects` and `names` have the labels of the file; `side` is
-    the photo's longer side, px.
+    `values`, by object, and `scale`, px/m, are what perception wrote, None where that is unknown; `side` is the photo's
+    longer side, px.
     """
     moving = ("velocity", "spin", "roll", "density")
     chosen = any(scene.get(key) for key in SCALED_SECTIONS) or "gravity" in scene.get("world", {})
@@ -141,15 +132,7 @@ def follows_scale(
     ):
         return False
     stated = float(scene.get("world", {}).get("pixels_per_meter", PAPER_SCALE))
-    if is_assumed(stated, side):
-        return True
-    kinds = {item.id: kind(item.label) for item in objects}
-    for confidence in (None, {i: name.confidence for i, name in names.items() if name.confidence < 1}):
-        scale = photo_scale(objects, kinds, confidence)
-        sure = scale is not None and scale.confidence >= MIN_SCALE_CONFIDENCE
-        if scale is not None and sure and abs(scale.pixels_per_meter - stated) <= EQUAL * stated:
-            return True
-    return False
+    return is_assumed(stated, side) if scale is None else _same(stated, scale)
 
 
 def without_edited(scene: Entry, values: Mapping[str, Entry]) -> dict[str, Any]:
@@ -228,9 +211,11 @@ def merge_object(was: Entry, now: Entry, prompted: bool = False) -> dict[str, An
 
     An object of nothing but a mask is filled in.
     """
-    if set(was) <= {"mask", "from"}:
-        return {**now, **was, "from": {**now["from"], **was.get("from", {})}}
+    if set(was) <= {"mask", "from", "confidence"}:
+        return {**now, "mask": was["mask"], "from": {**now["from"], **was.get("from", {})}}
     keys = perceived_keys(was) | (set(PIXEL_KEYS) if prompted else set())
+    if "from" in was and "shape" not in was:  # it lies in the assets
+        keys.add("shape")
     if "from" in was and "layer" not in was:
         keys.add("layer")
     return rewritten(was, now, keys)
@@ -248,10 +233,14 @@ def rewritten(was: Entry, now: Entry, keys: Collection[str]) -> dict[str, Any]:
     return result | ({"from": sources} if sources else {})
 
 
-def doubtful_lines(text: str, names: Collection[str]) -> list[str]:
-    """Doubtful objects in a scene's comments, to be uncovered, that are not among its objects' `names` yet."""
-    found = re.findall(r"^ *# ?(maybe-\d+: \{.*\})\s*$", text, re.MULTILINE)
-    return [line for line in found if line.partition(":")[0] not in names]
+def kept_doubtful(scene: Entry, before: Labels, labels: Labels) -> tuple[Labels, dict[str, Any]]:
+    """The new label map with the regions that are doubtful still, from the map `before`, and their entries."""
+    result, entries = labels.copy(), {}
+    for name, entry in scene.get("doubtful", {}).items():
+        region = (before == entry["mask"]) & (result == 0)
+        if region.any() and not (result == entry["mask"]).any():
+            result[region], entries[name] = entry["mask"], entry
+    return result, entries
 
 
 def free_name(name: str, taken: Collection[str]) -> str:

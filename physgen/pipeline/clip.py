@@ -136,7 +136,7 @@ class Labels:
         from physgen.report.record import StageTime
 
         shot, scene, compiled = film.shot(trajectory), film.scene, film.compiled
-        labels = None if self.maps is None else self.maps.labels
+        labels = None if self.maps is None else self.maps.cut_out
         clip = Clip(
             scene.name,
             scene,

@@ -200,11 +200,12 @@ def refresh(
     """
     from physgen.compile.compile import compile_scene
     from physgen.maps import read_percepts
-    from physgen.perceive.document import relabel_objects, write_scene, written_values
+    from physgen.perceive.document import relabel_objects, write_scene, written_scale, written_values
     from physgen.perceive.perceive import fit_objects
     from physgen.perceive.perceive import perceive as run
     from physgen.perceive.refresh import (
         follows_scale,
+        kept_doubtful,
         merge_documents,
         start_refresh,
         user_layers,
@@ -241,9 +242,8 @@ def refresh(
     called = {i: name for i, name in begun.found.object_names.items() if name in old["objects"]}
     named, renamed = relabel_objects(objects, options.labels, called)
     labels = begun.found.names
-    before = [replace(item, label=labels[item.id].label) for item in objects if item.id in labels]
     side = max(scene.size)
-    scaled = follows_scale(old, values, before, labels, side)
+    scaled = follows_scale(old, values, written_scale(scene.assets), side)
     labels = {**labels, **{item.id: Name(item.label, 1.0) for item in named if item.id in renamed}}
     layers = user_layers(old)
     layer_of = {i: layers[name] for i, name in called.items() if name in layers}
@@ -259,34 +259,28 @@ def refresh(
     new_labels = {called[item.id]: item.label for item in named if item.id in renamed}
     document = merge_documents(old, perceived.document, begun, new_labels, scaled)
     if maps is not None:
+        labels_now, doubtful = kept_doubtful(old, maps.labels, perceived.percepts.labels)
+        document |= {"doubtful": doubtful} if "doubtful" in old else {}
+        perceived = replace(perceived, percepts=replace(perceived.percepts, labels=labels_now))
         # whether shadows were removed depends on the scene's own light
         clean = None if maps.clean is None else perceived.percepts.clean
         depth = maps.depth if perceived.percepts.depth is None else perceived.percepts.depth
         perceived = replace(perceived, percepts=replace(perceived.percepts, clean=clean, depth=depth))
-    comments = _comments(perceived, document, path.read_text(encoding="utf-8-sig"))
+    comments = _comments(perceived, document)
     header = "Perceived again: what from names was written anew, all else is as it was"
     perceived = replace(perceived, document=document, comments=comments, header=header)
     image = scene.image if photo.plain else None
-    return write_scene(perceived, image, scene.image.stem, output, options.assets, keep)
+    written = [name for name, was in old["objects"].items() if "shape" in was]
+    return write_scene(perceived, image, scene.image.stem, output, options.assets, keep, written)
 
 
-def _comments(perceived: PerceivedScene, document: dict[str, Any], text: str) -> dict[str, str]:
-    """Comments of the new file: of values that are perception's, by their dotted keys; doubts of the old `text`."""
-    from physgen.perceive.document import DOUBTFUL
-    from physgen.perceive.refresh import doubtful_lines
-
-    comments = {
+def _comments(perceived: PerceivedScene, document: dict[str, Any]) -> dict[str, str]:
+    """Comments of the new file: of values that are perception's, by their dotted keys."""
+    return {
         key: comment
         for key, comment in perceived.comments.items()
         if _at(document, key) == _at(perceived.document, key)
     }
-    masses = {name: item.get("mass") for name, item in perceived.document["objects"].items()}
-    if any(item.get("mass") != masses.get(name) for name, item in document["objects"].items()):
-        comments.pop("forces", None)  # the push was computed for other masses
-    lines = doubtful_lines(text, document["objects"])
-    if lines and document["objects"]:
-        comments[f"objects.{next(iter(document['objects']))}"] = "\n".join([DOUBTFUL, *lines])
-    return comments
 
 
 def _at(document: Mapping[str, Any], key: str) -> object:

@@ -89,7 +89,7 @@ def default_push(scene: Scene, shapes: Shapes, sure: Mapping[str, float]) -> Pus
         speed = float(f"{ordinary * factor:.2g}")
         tried: list[tuple[float, Push]] = []
         for item, way in ranked[: TRIAL.tried]:
-            velocity = (round(speed * way[0]) + 0.0, round(speed * way[1]) + 0.0)
+            velocity = (round(speed * way[0]), round(speed * way[1]))
             shown = _shown(scene, shapes, item, velocity)
             tried.append((shown, Push(item.name, velocity, _comment(scene, speed, way))))
         most = max((shown for shown, _ in tried), default=0.0)

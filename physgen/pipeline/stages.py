@@ -149,7 +149,7 @@ def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
         sprites = flat_sprites(world, outlines, order, large)
         return Stage(flat_background(world, large), sprites, supersample=fine, scale=large)
     coverage, background = filled(maps, compiled.labels, compiled.scenery)
-    absent = (maps.labels > 0) & (compiled.labels == 0) & ~compiled.scenery
+    absent = (maps.cut_out > 0) & (compiled.labels == 0) & ~compiled.scenery
     with single_threaded():
         sprites = cut_sprites(maps.rgb, compiled.labels, absent, coverage, background, order)
         made = lit_stage(scene, world, sprites, maps, background, coverage, absent)
@@ -170,7 +170,7 @@ def filled(
         return maps.coverage, maps.background
     from physgen import registry
 
-    union = np.where(labels > 0, labels, np.where(scenery, np.uint16(0), maps.labels))
+    union = np.where(labels > 0, labels, np.where(scenery, np.uint16(0), maps.cut_out))
     coverage = maps.coverage
     if coverage is None or not known:
         coverage = registry.make("matte")(maps.rgb, union)

@@ -24,6 +24,8 @@ MAX_NAME_BYTES = 255
 SUFFIXES = (".yaml", ".yml")
 MAPS = ("masks", "coverage", "background", "clean", "shadows", "depth", "normals", "albedo", "shading")
 """The files `NAME.png` of an assets folder."""
+OUTLINES = "outlines.json"
+"""Of the same folder: id in masks.png -> the CRC-32 of its pixels, and a shape as in scene files."""
 
 
 class RefusedError(Exception):

@@ -211,7 +211,7 @@ def scene_from_tree(root: Node, name: str, source: Source, ground: Ground) -> pa
         size=ground.size,
         assets=None if ground.assets is None else Path(os.path.realpath(ground.assets)),
         world=_make(parts.Settings, world, table_friction=float(world["table"]["friction"])),
-        objects=_named(data["objects"], _object),
+        objects=tuple(_outlined(item, ground) for item in _named(data["objects"], _object)),
         boundaries=_named(data["boundaries"], _boundary),
         forces=tuple(map(_force, data["forces"])),
         joints=_named(data["joints"], _joint),
@@ -323,6 +323,16 @@ def _object(name: str, item: Mapping[str, Any]) -> parts.Object:
         prompt=_prompt(item["prompt"]) if "prompt" in item else None,
         place=tuple(map(float, [*item["place"], 0][:3])) if "place" in item else None,
     )
+
+
+def _outlined(item: parts.Object, ground: Ground) -> parts.Object:
+    """The object with the shape that is stored for its mask."""
+    stored = ground.outlines.get(item.mask.id) if isinstance(item.mask, parts.MaskId) else None
+    if stored is None or not isinstance(item.shape, parts.Auto):
+        return item
+    shape = _shape(stored[1])
+    assert not isinstance(shape, parts.Auto)
+    return replace(item, shape=parts.Auto(shape, stored[0]))
 
 
 def _prompt(value: Mapping[str, Any]) -> parts.BoxPrompt | parts.PointPrompt:

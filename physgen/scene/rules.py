@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from math import ceil, floor, sqrt
 from pathlib import Path
@@ -12,11 +12,12 @@ from typing import Any
 
 from physgen import registry
 from physgen.files import MOST_PIXELS, Stamp, file_stamp
-from physgen.scene.document import Node, children, items, whole
-from physgen.scene.files import MAPS, RefusedError, confined, image_size
+from physgen.problems import InputError
+from physgen.scene.document import Node, children, items, plain, whole
+from physgen.scene.files import MAPS, OUTLINES, RefusedError, confined, image_size, read_scene
 from physgen.scene.scene import video_size
 from physgen.scene.schema import advice, at
-from physgen.scene.validate import Findings
+from physgen.scene.validate import Findings, check_part
 from physgen.text import KeyPath, listed, nearest, number, quoted, shown
 
 FORCES = ("impulse", "force", "torque")
@@ -51,6 +52,8 @@ class Ground:
     size: tuple[int, int] | None = None
     image: Path | None = None
     assets: Path | None = None
+    outlines: dict[int, tuple[int, Any]] = field(default_factory=dict)
+    """Stored shapes by id in masks.png: the CRC of the mask, and the shape as plain data."""
 
 
 class Files:
@@ -59,6 +62,7 @@ class Files:
     def __init__(self, allow_outside: bool) -> None:
         self.allow_outside = allow_outside
         self._sizes: dict[str, tuple[Stamp, tuple[int, int] | RefusedError]] = {}
+        self._outlines: dict[str, tuple[Stamp, Node]] = {}
 
     def size(self, path: Path) -> tuple[int, int]:
         """Width and height of an image, from its header; raises RefusedError."""
@@ -72,6 +76,13 @@ class Files:
         if isinstance(found, RefusedError):
             raise found
         return found
+
+    def outlines(self, path: Path, name: str) -> Node:
+        """The tree of `outlines.json`; raises InputError."""
+        key, stamp = str(path), file_stamp(path)
+        if key not in self._outlines or self._outlines[key][0] != stamp:
+            self._outlines[key] = stamp, read_scene(path, name)
+        return self._outlines[key][1]
 
 
 def check_rules(root: Node, findings: Findings, files: Files) -> Ground:
@@ -154,14 +165,37 @@ class _Rules:
             self.add(node.place, "assets", found, error.expected, error.fix)
             return
         self.ground.assets = folder
-        for name in MAPS:
-            file = f"{name}.png"
+        for file in (*(f"{name}.png" for name in MAPS), OUTLINES):
             if os.path.lexists(folder / file):
+                use = self.outlines if file == OUTLINES else self.map_file
                 try:
-                    self.map_file(confined(file, folder, home, self.files.allow_outside))
+                    use(confined(file, folder, home, self.files.allow_outside))
                 except RefusedError as error:
                     found = quoted(f"{node.value}/{file}")
                     self.add(node.place, "assets", found, error.expected, error.fix)
+
+    def outlines(self, path: Path) -> None:
+        """Reads the stored shapes; they are checked as those in the file are."""
+        name = os.path.join(
+            os.path.dirname(self.root.source.name), os.path.relpath(path, self.root.source.folder)
+        )
+        try:
+            tree = self.files.outlines(path, name)
+        except InputError as error:
+            raise RefusedError(
+                f"cannot be read: {error.problems[0]}", "remove it, and outlines are fitted"
+            ) from None
+        for key, entry in children(tree).items():
+            crc, shape = (children(entry).get(part) for part in ("crc", "shape"))
+            if not (key.isdecimal() and crc is not None and type(crc.value) is int and shape is not None):
+                raise RefusedError(f"has no outline at {quoted(key)}", "remove it, and outlines are fitted")
+            before = len(self.findings.problems)
+            check_part(shape, (key, "shape"), "objects.*.shape", self.findings)
+            if len(self.findings.problems) > before or not isinstance(shape.value, dict):
+                continue
+            for where, outline, crossing in _outlines(None, children(shape)):
+                self.outline(outline, (key, *where), crossing)
+            self.ground.outlines[int(key)] = crc.value, plain(shape)
 
     def map_file(self, path: Path) -> None:
         size, canvas = self.files.size(path), self.ground.size
@@ -224,7 +258,7 @@ class _Rules:
         if "mass" in parts and "density" in parts:
             place = parts["density"].key_place
             self.add(place, (*path, "density"), "", "stands beside mass", ONE_OF_TWO)
-        if mask is None and (shape is None or shape.value == "auto"):
+        if mask is None and (shape is None or isinstance(shape.value, str)):
             fix = "write mask: 1, or shape: {circle: {center: [470.5, 257.0], radius: 30.2}}"
             close = nearest(name, (other for other in self.objects if other != name))
             if close and shape is None and len(parts) < 3:

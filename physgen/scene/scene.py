@@ -135,7 +135,12 @@ class Polygon:
 
 @dataclass(frozen=True)
 class Auto:
-    """`shape: auto`: fitted from the mask."""
+    """`shape: outline`: that of the mask, which is fitted unless it is stored."""
+
+    stored: Circle | Box | Polygon | None = None
+    """From the assets' outlines.json."""
+    crc: int = 0
+    """`mask_crc` of the mask for which it is stored."""
 
 
 Shape = Circle | Box | Polygon | Auto

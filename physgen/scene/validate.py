@@ -63,20 +63,22 @@ class Findings:
 
 def check_schema(root: Node, findings: Findings) -> None:
     """Adds every violation of the schema in a tree."""
-    _check(root, (), "", findings, shallow=True)
+    check_part(root, (), "", findings, shallow=True)
     if not isinstance(root.value, dict):
         return
     known = expanded()["properties"]
     for key, node in root.value.items():
         if key in NAMED and isinstance(node.value, dict):
-            _check(node, (key,), key, findings, shallow=True)
+            check_part(node, (key,), key, findings, shallow=True)
             for name, entry in node.value.items():
-                _check(entry, (key, name), f"{key}.*", findings)
+                check_part(entry, (key, name), f"{key}.*", findings)
         elif key in known:
-            _check(node, (key,), key, findings)
+            check_part(node, (key,), key, findings)
 
 
-def _check(node: Node, path: KeyPath, schema_path: str, findings: Findings, shallow: bool = False) -> None:
+def check_part(
+    node: Node, path: KeyPath, schema_path: str, findings: Findings, shallow: bool = False
+) -> None:
     """Adds the violations in one part of the tree; `shallow`: in the keys of a mapping alone."""
     data: Any = dict.fromkeys(node.value) if isinstance(node.value, dict) and shallow else plain(node)
     errors: list[ValidationError] = []

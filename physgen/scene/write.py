@@ -11,11 +11,11 @@ from physgen.scene.document import RefusedNumberError, resolve
 from physgen.scene.schema import Schema, expanded, inner, schema_at
 from physgen.text import KeyPath, dotted, number
 
-WIDTH = 100
+WIDTH = 112
 """Columns after which a list of points goes on in the next line, and a mapping is written a key a line."""
 
 _LONGEST_KEY = 1000  # YAML takes 1024 characters before the colon
-_BLOCK = re.compile(r"world|objects(\.[^.]+)?|boundaries|joints|fields|variants|").fullmatch
+_BLOCK = re.compile(r"world|objects(\.[^.]+)?|boundaries|doubtful|joints|fields|variants|").fullmatch
 _PLAIN = re.compile(r"(?!\.\.\.)[\w./][\w./ ()+*=%-]*(?<! )").fullmatch
 
 
@@ -82,6 +82,7 @@ class _Writer:
             (isinstance(value, Mapping) and (where in self.commented or bool(_BLOCK(where))))
             or (
                 isinstance(value, Mapping | list)
+                and path[-1:] != ("from",)
                 and len(start) + 1 + len(text) > WIDTH
                 and not _points(value)
             )
@@ -91,7 +92,7 @@ class _Writer:
         dashed = (
             block and isinstance(value, Mapping) and start.endswith("-")
         )  # its first key stands behind the dash
-        if comment and (dashed or "\n" in comment or len(first) + len(comment) + 4 > WIDTH + 10):
+        if comment and (dashed or "\n" in comment or len(first) + len(comment) + 4 > WIDTH + 8):
             yield from _comment_lines(comment, start[: len(start) - len(start.lstrip())])
         elif comment:
             first = f"{first}  {_comment_lines(comment, '')[0]}"
@@ -120,7 +121,7 @@ def _comment_lines(text: str, indent: str) -> list[str]:
 
 def _wrapped(first: str, start: str, indent: str, value: Any) -> Iterator[str]:
     """A line of points broken into several, at its commas between points."""
-    if len(first) <= WIDTH + 10 or not _points(value):
+    if len(first) <= WIDTH + 8 or not _points(value):
         yield first
         return
     line = f"{start} ["

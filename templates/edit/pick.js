@@ -59,7 +59,7 @@ export function start(editor) {
       base = ["objects", name],
       { shape } = item,
       ops = [];
-    if (masked || item.place || !shape || shape === "auto") {
+    if (masked || item.place || !shape || typeof shape === "string") {
       const angle = rounded((item.place?.[2] || 0) + turn, 0.5) % 360;
       ops.push({ set: [...base, "place"], value: angle ? [...to, angle] : to });
     } else if (shape.circle) ops.push({ set: [...base, "shape", "circle", "center"], value: to });

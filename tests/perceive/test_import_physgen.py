@@ -82,7 +82,7 @@ def test_it_means_what_its_author_meant(scene):
     assert isinstance(ball.shape, Circle)
     assert ball.solid is Solid.DISC
     assert (ball.mass, ball.friction, ball.elasticity, ball.velocity) == (170, 0.3, 0.7, (-100, 5))
-    assert isinstance(toy.shape, Polygon)  # as it says, though it is round
+    assert isinstance(toy.shape.stored, Polygon)  # as it says, though it is round
     assert (toy.density, toy.friction, toy.elasticity) == (2.5, 0.5, 0.01)
     assert [w.points for w in scene.boundaries] == [((0, 80), (96, 80)), ((1, 1), (1, 95))]
     assert {(w.friction, w.elasticity) for w in scene.boundaries} == {(1, 0)}

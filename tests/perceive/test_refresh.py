@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from physgen import pipeline
 from physgen.cli.main import main
-from physgen.maps import read_labels
+from physgen.maps import read_labels, write_png
 from physgen.materials import kind
 from physgen.scene.scene import BoxPrompt, Scene
 
@@ -113,16 +113,23 @@ def test_what_a_person_wrote_stays(scene: Path) -> None:
 
 def test_doubts_stay_and_can_be_switched_on(scene: Path) -> None:
     first = scene.with_name("first.yaml")
-    doubt = "  # maybe-3: {mask: {polygon: [[5, 5], [30, 5], [30, 30]]}, from: {mask: learned 0.2}}\n"
-    scene.write_text(scene.read_text().replace("  ball-1:", f"{doubt}  ball-1:", 1))
+    labels = read_labels(scene.parent / "scene.assets" / "masks.png")
+    labels[5:25, 5:30] = 9
+    write_png(scene.parent / "scene.assets" / "masks.png", labels)
+    doubt = "doubtful:\n  maybe-3: {mask: 9, confidence: 0.2}\n"
+    scene.write_text(scene.read_text() + doubt)
     refreshed(scene)
     text = scene.with_name("again.yaml").read_text()
-    assert doubt.strip() in text
-    scene.with_name("again.yaml").write_text(text.replace("# maybe-3", "maybe-3"))
+    assert "  maybe-3: {mask: 9, confidence: 0.2}" in text
+    moved = re.sub(r"doubtful:.*\n  (maybe-3.*\n)", "", text).replace(
+        "boundaries:", doubt[10:] + "boundaries:", 1
+    )
+    scene.with_name("again.yaml").write_text(moved)
     assert main(["perceive", "--refresh", str(scene.with_name("again.yaml")), "-o", str(first)]) == 0
     on = yaml.safe_load(first.read_text())["objects"]["maybe-3"]
     assert on["mass"] > 0
-    assert on["from"]["mask"] == "learned 0.2"
+    assert on["mask"] == 9
+    assert "confidence" not in on
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ from math import log, pi, sqrt
 from physgen.geometry.polygon import Disc, Outline
 from physgen.materials import Kind, Material, kind
 from physgen.perceive.roles import Matter, PhotoObject, Physics, Rgb
-from physgen.perceive.scale import PLAYBACK, Extent, assumed_scale, object_extent
+from physgen.perceive.scale import Extent, assumed_scale, object_extent
 from physgen.scene.scene import Solid
 
 
@@ -43,16 +43,15 @@ def table() -> Physics:
 def _table(rgb: Rgb, objects: Sequence[PhotoObject], pixels_per_meter: float | None) -> Mapping[int, Matter]:
     kinds = {item.id: kind(item.label) for item in objects}
     if pixels_per_meter is not None:
-        value, why, most = pixels_per_meter, f"at {pixels_per_meter:.4g} px/m", 1.0
+        value, most = pixels_per_meter, 1.0
     else:
-        value, why = assumed_scale(max(rgb.shape[:2])), f"taking the photo to show {PLAYBACK.width:g} m"
-        most = WEIGHING.unscaled
-    return {item.id: _matter(item, kinds[item.id], value, why, most) for item in objects}
+        value, most = assumed_scale(max(rgb.shape[:2])), WEIGHING.unscaled
+    return {item.id: _matter(item, kinds[item.id], value, most) for item in objects}
 
 
-def _matter(item: PhotoObject, what: Kind, pixels_per_meter: float, why: str, most: float) -> Matter:
+def _matter(item: PhotoObject, what: Kind, pixels_per_meter: float, most: float) -> Matter:
     solid, material = _solid(item.outline, what), what.material
-    mass, confidence, reason = _mass(object_extent(item.outline, what), what, pixels_per_meter, why)
+    mass, confidence, reason = _mass(object_extent(item.outline, what), what, pixels_per_meter)
     return Matter(
         mass=float(f"{max(mass, WEIGHING.lightest):.3g}"),
         friction=material.friction,
@@ -65,12 +64,12 @@ def _matter(item: PhotoObject, what: Kind, pixels_per_meter: float, why: str, mo
     )
 
 
-def _mass(found: Extent, what: Kind, pixels_per_meter: float, why: str) -> tuple[float, float, str]:
+def _mass(found: Extent, what: Kind, pixels_per_meter: float) -> tuple[float, float, str]:
     """Mass in g, confidence and a sentence."""
     volume = found.volume / pixels_per_meter**3 * 1e6
     what = what.hollowed(10 * (6 * volume / pi) ** (1 / 3))
     weighed = volume * what.density
-    estimate = f"{float(f'{volume:.3g}'):,g} cm³ of {_stuff(what)}, {why}"
+    estimate = f"{float(f'{volume:.3g}'):,g} cm³ of {_stuff(what)}"
     if what.mass is None:
         return weighed, 0.4 if what.noun else 0.35 if what.material.name != "unknown" else 0.15, estimate
     source = what.source.replace("EST: ", "").replace("EST", "estimated")
@@ -101,15 +100,15 @@ def _stuff(what: Kind) -> str:
 
 
 def _surface(material: Material) -> str:
-    """The sources of friction, elasticity and rolling, in words.
+    """The source of friction in words; elasticity and rolling are of the same material.
 
     >>> from physgen.materials import kind
     >>> _surface(kind("mug").material)
-    'friction, elasticity and rolling of ceramic: estimate'
+    'friction of ceramic: estimate'
     """
     if material.name == "unknown":
-        return "ordinary friction, elasticity and rolling: the material is unknown"
-    return f"friction, elasticity and rolling of {material.name}: {material.surface}"
+        return "ordinary friction: the material is unknown"
+    return f"friction of {material.name}: {material.surface.split('; ')[0].removeprefix('friction: ')}"
 
 
 def _name(material: str) -> str:
