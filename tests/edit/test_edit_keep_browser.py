@@ -121,7 +121,7 @@ def test_what_another_program_writes_is_taken_or_asked_about(
         # nothing was done here: it is taken as it is
         theirs = SCENE.replace("duration: 0.5", "duration: 0.7")
         scene.write_text(theirs, encoding="utf-8")
-        assert "this is its text now" in banner(desk, "taken")
+        assert "its text is shown now" in banner(desk, "taken")
         until(desk, "s.scene.world.duration === 0.7 && s.file.saved")
         # both changed it: asked, and the one that was not taken stays in the history
         edit(desk, "objects.box.mass", 300)

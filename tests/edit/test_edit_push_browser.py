@@ -156,3 +156,18 @@ def test_each_drag_is_one_step_back_and_an_arrow_can_be_changed_by_its_tip(
         desk.page.keyboard.press("Control+y")
         desk.settled()
         assert desk.state["scene"]["objects"]["ball"]["velocity"] == first
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+def test_first_steps_and_messages_cover_no_object(
+    browser: Any, serving: Callable[..., Any], scene: Path, width: int
+) -> None:
+    with seated(browser, serving(scene).address) as desk:
+        desk.page.set_viewport_size({"width": width, "height": 844})
+        desk.page.evaluate("() => { window.editor.showHint(); window.editor.say('Nothing', 'error'); }")
+        desk.drawn()
+        stage = desk.page.locator("[data-part=stage]").bounding_box()
+        for part in ("hint", "alarm"):
+            box = desk.page.locator(f"[data-part={part}]").bounding_box()
+            assert box["height"] > 0
+            assert box["y"] >= stage["y"] + stage["height"], part
