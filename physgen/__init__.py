@@ -1,4 +1,4 @@
-"""One photo becomes an editable scene file; the scene file becomes a physically true video.
+"""One photo becomes an editable scene file; the scene file becomes a physically simulated video.
 
 The stages as Python calls are in :mod:`physgen.pipeline`; nothing heavy is imported here.
 """

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.simulate.trajectory import Trajectory
-from physgen.text import quoted
+from physgen.text import quoted, rounded
 
 MISSING = object()
 FILE_KEYS = {("image",), ("assets",)}
@@ -39,7 +39,7 @@ class ObjectDifference:
     """s."""
 
     def __str__(self) -> str:
-        return f"{self.object} by {self.px:.3g} px and {self.degrees:.3g}°"
+        return f"{self.object} by {rounded(self.px)} px and {rounded(self.degrees)}°"
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class MotionDifference:
             parts.append(f"{where}: {few(at_once)}" if at_once else where)
         if self.objects:
             far = max(self.objects, key=lambda item: item.most_px)
-            most = f"at most {far.most_px:.3g} px ({far.object} at {far.most_time:.3f} s)"
+            most = f"at most {rounded(far.most_px)} px ({far.object} at {far.most_time:.3f} s)"
             parts.append(f"{counted(len(self.objects), 'object')}, {most}")
         return "; ".join([*parts, *([self.unnamed] if self.unnamed else [])])
 

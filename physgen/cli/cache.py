@@ -80,6 +80,4 @@ def add(parser: Parser) -> None:
     parser.flag("--json", "print as JSON")
 
 
-CACHE = Command(
-    "cache", "Shows or clears the results that are kept between runs.", "physgen cache show", add, cache
-)
+CACHE = Command("cache", "Shows or clears the cache.", "physgen cache show", add, cache)

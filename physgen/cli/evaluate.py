@@ -242,7 +242,7 @@ def add_properties(parser: Parser) -> None:
     parser.add_argument("table", metavar="TABLE", nargs="?", type=Path, help=about)
     parser.option("--backend", "ROLE=NAME", str, "what answers: physics=NAME", [], action="append")
     parser.option("--config", "FILE", Path, "read this in place of ~/.config/physgen/physgen.toml")
-    parser.flag("--hide-size", "tell the name of each object alone, not its size")
+    parser.flag("--hide-size", "give the name of each object without its size")
     add_output(parser)
 
 
@@ -444,7 +444,7 @@ MEASURES = (
     ),
     Command(
         "plausibility",
-        "Physics judged without truth: does motion obey one gravity, keep momentum, never jump?",
+        "Plausibility of motion without a truth: gravity, momentum, energy, overlap, jumps.",
         "plausibility out tracks.csv -o out/plausibility",
         add_plausibility,
         run_plausibility,
@@ -458,35 +458,35 @@ MEASURES = (
     ),
     Command(
         "properties",
-        "Masses, and orders of friction and elasticity, against what others measured.",
+        "Masses, and orders of friction and elasticity, against measurements of others.",
         "properties -o out/properties",
         add_properties,
         run_properties,
     ),
     Command(
         "controllability",
-        "How an object's motion answers to the direction and size of a push.",
+        "How an object's motion depends on the direction and size of a push.",
         "controllability scenes/curling/scene.yaml --object red-1 --angles 12 -o out/controllability",
         add_controllability,
         run_controllability,
     ),
     Command(
         "runtime",
-        "What each stage takes, from the records of clips.",
+        "Time of each stage, from the records of clips.",
         "runtime out -o out/runtime",
         add_runtime,
         run_runtime,
     ),
     Command(
         "study",
-        "A blind page of clips for people to rate; and with --key, what their answers say.",
+        "A blind page of clips for people to rate; with --key, the results.",
         "study METHODS -o study.html, then: physgen evaluate study answers/*.json --key study.key.json -o out/study",
         add_study,
         run_study,
     ),
     Command(
         "leaderboard",
-        "Methods side by side: their clips of every scene in step, and what other measures say of them.",
+        "Methods side by side: clips of every scene in step, with the scores of other measures.",
         "leaderboard METHODS -o board",
         add_leaderboard,
         run_leaderboard,

@@ -50,7 +50,7 @@ def add(parser: Parser) -> None:
 
 GALLERY = Command(
     "gallery",
-    "Makes one page of folders of clips; a sweep is shown by its axes.",
+    "Makes one page of clips; a sweep is shown as a grid of its values.",
     "physgen gallery out sweep -o gallery.html",
     add,
     gallery,

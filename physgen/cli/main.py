@@ -89,7 +89,7 @@ def build_parser() -> Parser:
     """Every command with its flags and an example."""
     parser = Parser(
         prog="physgen",
-        description="One photo becomes an editable scene file; the scene file becomes a physically true video.",
+        description="One photo becomes an editable scene file; the scene file becomes a physically simulated video.",
         epilog="example: physgen perceive photo.png > scene.yaml && physgen render scene.yaml",
     )
     parser.add_argument("--version", action="version", version=f"physgen {__version__}")

@@ -334,7 +334,7 @@ class _Run:
         record.imbalance = trajectory.imbalance(weight)
         if record.imbalance > UNBALANCED:
             fix = "raise world.steps_per_second, or look for masses far apart or joints that contradict each other"
-            found = f"misses {record.imbalance:.0%} of what flows"
+            found = f"has an error of {record.imbalance:.0%} of the energy that flows"
             place = scene.place("world")
             self.warn(Problem(place, "world", "the energy balance", found, fix, Severity.WARNING))
         if trajectory.effort.overworked >= 0:

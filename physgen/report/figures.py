@@ -85,7 +85,7 @@ def energy_figure(scene: Scene, world: World, trajectory: Trajectory, width: flo
             axes.plot(times, expected, "--", color=PALETTE.purple, linewidth=1.6, label=label)
         # as on the report page: relative to the energy that flows, at least that of a fall by a pixel
         weight = sum(body.mass for body in world.bodies) * float(np.hypot(*world.gravity))
-        label = f"sum − work, constant within {max(100 * trajectory.imbalance(weight), 0.001):.1g} %"
+        label = f"sum − work; energy balance error {max(100 * trajectory.imbalance(weight), 0.001):.1g} %"
         axes.plot(times, borders[-1] - work, color=PALETTE.ink, linewidth=1.3, label=label, gid="sum")
         begins = trajectory.contacts.touch_times[:, 0]
         begins = begins[begins > 0]

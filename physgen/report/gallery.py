@@ -25,7 +25,7 @@ from physgen.report.films import poster
 from physgen.report.folders import remove_leftovers
 from physgen.report.html import script_json, template
 from physgen.report.sweep_keys import SweptKey, swept_keys
-from physgen.text import natural
+from physgen.text import natural, rounded
 
 Progress = Callable[[str, int, int], None]
 
@@ -238,9 +238,9 @@ def format_value(value: float | str | None) -> str:
     """A value as the page writes it.
 
     >>> [format_value(value) for value in (0.1, 30625.0, 1234567.0, 1e-7, "side", None)]
-    ['0.1', '30625', '1234570', '1e-07', 'side', '']
+    ['0.1', '30,625', '1,234,570', '0.0000001', 'side', '']
     """
-    return f"{float(f'{value:.6g}'):.10g}" if isinstance(value, float) else value or ""
+    return rounded(value, 6) if isinstance(value, float) else value or ""
 
 
 def link(path: Path, home: Path) -> str:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from physgen.compile.world import World
 from physgen.report.html import fitted, jpeg
 from physgen.simulate.uncertainty import VERBS, Ensemble, Fate, Verdict, headline, percent
+from physgen.text import rounded
 
 Array = NDArray[np.float64]
 U8 = NDArray[np.uint8]
@@ -107,7 +108,7 @@ def _row(v: Verdict) -> dict[str, Any]:
         "counts": [v.counts[fate] for fate in sorted(Fate, reverse=True)],
         "interval": f"{percent(v.interval[0])} to {percent(v.interval[1])}",
         "event": VERBS[v.event],
-        "radius": f"{v.radius:.3g}",
-        "size": f"{v.size:.3g}",
+        "radius": rounded(v.radius),
+        "size": rounded(v.size),
         "clip": VERBS[v.own],
     }

@@ -23,6 +23,7 @@ from physgen.scene.scene import Motion, Scene, View
 from physgen.simulate.engine import simulate
 from physgen.simulate.trajectory import Trajectory
 from physgen.simulate.uncertain_values import UncertainValue, draw_values, uncertain_values, with_draw
+from physgen.text import rounded
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -307,7 +308,9 @@ class Verdict:
             ]
         if self.event is not Fate.STAYS:
             decided = "is" if self.placed else "is not"
-            lines.append(f"Where it ends {decided} decided: 9 of 10 draws lie within {self.radius:.3g} px.")
+            lines.append(
+                f"Where it ends {decided} decided: 9 of 10 draws lie within {rounded(self.radius)} px."
+            )
         return lines
 
     def as_dict(self) -> dict[str, Any]:
