@@ -18,6 +18,64 @@ UNITS = {
 }
 """Units that read better spelt out; the others are shown as they are."""
 
+# name -> size in m, s, g and degrees, and exponents of px, m, s, g and degrees
+_MEASURES: dict[str, tuple[float, tuple[int, int, int, int, int]]] = {
+    **{name: (size, (0, 1, 0, 0, 0)) for name, size in (("m", 1.0), ("cm", 1e-2), ("mm", 1e-3), ("km", 1e3))},
+    **{name: (size, (0, 0, 1, 0, 0)) for name, size in (("s", 1.0), ("ms", 1e-3), ("min", 60.0))},
+    **{name: (size, (0, 0, 0, 1, 0)) for name, size in (("g", 1.0), ("kg", 1e3), ("mg", 1e-3))},
+    **dict.fromkeys(("deg", "degree", "degrees", "°"), (1.0, (0, 0, 0, 0, 1))),
+    "rad": (57.29577951308232, (0, 0, 0, 0, 1)), "turn": (360.0, (0, 0, 0, 0, 1)),
+    "px": (1.0, (1, 0, 0, 0, 0)), "Hz": (1.0, (0, 0, -1, 0, 0)), "rpm": (6.0, (0, 0, -1, 0, 1)), "1": (1.0, (0,) * 5),
+    "N": (1e3, (0, 1, -2, 1, 0)), "mN": (1.0, (0, 1, -2, 1, 0)), "J": (1e3, (0, 2, -2, 1, 0)),
+}  # fmt: skip
+ALLOWED = {
+    "px": "px, mm, cm or m", "s": "ms, s or min", "g": "mg, g or kg", "degrees": "deg, rad or turn",
+    "px/s": "px/s, cm/s or m/s", "px/s²": "px/s² or m/s²", "degrees/s": "deg/s, rad/s or rpm",
+    "px/m": "px/m, px/cm or px/mm",
+    "g·px/s": "N s, g m/s or g px/s", "g·px/s²": "N, mN or g px/s²", "g·px²/s²": "N m, J or g px²/s²",
+    "g/px²": "kg/m², g/cm² or g/px²", "g/s²": "N/m, kg/s² or g/s²", "g/s": "N s/m, kg/s or g/s", "1/s": "Hz",
+    "px³/s²": "m³/s² or px³/s²",
+}  # fmt: skip
+"""Unit of a key -> units that a text may have there."""
+_QUANTITY = re.compile(
+    r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\d\s.+-].{0,30})", re.DOTALL
+).fullmatch
+_FACTOR = re.compile(r"([/·*]?)\s*([A-Za-z°]+|1)(?:\^?(-?\d)|([²³]))?\s*").match
+
+
+def _measure(unit: str) -> tuple[float, list[int]] | None:
+    """Size and exponents of a unit such as `kg m/s²`; None where it is none."""
+    size, powers, place = 1.0, [0] * 5, 0
+    while place < len(unit):
+        factor = _FACTOR(unit, place)
+        if factor is None or factor[2] not in _MEASURES:
+            return None
+        power = int(factor[3] or {"²": 2, "³": 3, None: 1}[factor[4]]) * (-1 if factor[1] == "/" else 1)
+        one, parts = _MEASURES[factor[2]]
+        size *= one**power
+        powers = [old + power * part for old, part in zip(powers, parts, strict=True)]
+        place = factor.end()
+    return size, powers
+
+
+def quantity(text: str, unit: str, pixels_per_meter: float) -> float | None:
+    """A number with its unit as a number of `unit`; None where it has no such unit.
+
+    >>> quantity("170 g", "g", 100), quantity("1.2 m/s", "px/s", 500), quantity("5 N", "g·px/s²", 100)
+    (170.0, 600.0, 500000.0)
+    >>> quantity("90 deg/s", "degrees/s", 1), quantity("7 px/cm", "px/m", 1), quantity("3 kg", "px", 1)
+    (90.0, 700.0, None)
+    """
+    match = _QUANTITY(text.strip())
+    own, wanted = (_measure(match[2].strip()) if match else None), _measure(unit)
+    if match is None or own is None or wanted is None:
+        return None
+    off = [a - b for a, b in zip(own[1], wanted[1], strict=True)]
+    if off[0] + off[1] or any(off[2:]):
+        return None
+    return float(match[1]) * own[0] / wanted[0] * pixels_per_meter ** off[1]
+
+
 KeyPath = tuple[str | int, ...]
 """Keys and indices from the top of a document to a value."""
 

@@ -141,7 +141,9 @@ def _pushed(perceived: PerceivedScene) -> PerceivedScene:
         return perceived
     if push is None:
         return perceived
-    item = document["objects"][push.name] | {"velocity": list(push.velocity)}
+    per_meter = scene.world.pixels_per_meter
+    meters = [f"{float(f'{part / per_meter:.3g}'):g} m/s" if part else 0 for part in push.velocity]
+    item = document["objects"][push.name] | {"velocity": meters}
     document = document | {"objects": document["objects"] | {push.name: item}}
     comments = perceived.comments | {f"objects.{push.name}.velocity": push.comment}
     return replace(perceived, document=document, comments=comments)

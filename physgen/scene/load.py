@@ -17,9 +17,9 @@ from physgen.scene.document import Node, Source, children, decode, items, plain,
 from physgen.scene.files import read_scene, with_bases
 from physgen.scene.overlay import apply, edit_of_flag, edits_of_variant, targets, variants_of
 from physgen.scene.rules import Files, Ground, check_rules
-from physgen.scene.schema import with_defaults
+from physgen.scene.schema import Schema, at, expanded, inner, with_defaults
 from physgen.scene.validate import Findings, TooManyError, check_schema
-from physgen.text import KeyPath, dotted, listed, natural, nearest, quoted
+from physgen.text import KeyPath, dotted, listed, natural, nearest, quantity, quoted
 
 T = TypeVar("T")
 
@@ -52,7 +52,7 @@ class Opened:
         self._files = Files(allow_outside)
         self.variants = tuple(name for name, _ in variants_of(self._root))
         self._own = Findings()
-        _check(self._root, self._own, self._files)
+        _check(in_numbers(self._root), self._own, self._files)
         self._of_variants = tuple(_problems_of_variants(self._root, self._own, self._files))
 
     def document(self) -> dict[str, Any]:
@@ -67,8 +67,8 @@ class Opened:
 
     def scene(self, overrides: Sequence[str] = (), variant: str | None = None) -> parts.Scene:
         """With one of its variants and `KEY=VALUE` overrides on top; raises InputError with all problems."""
-        edited = _edited(self._root, overrides, variant, self._source)
         report = Findings()
+        edited = in_numbers(_edited(self._root, overrides, variant, self._source))
         ground = _check(edited, report, self._files)
         problems = dict.fromkeys((*report.problems, *self._of_variants))
         if problems:
@@ -136,6 +136,45 @@ def _edited(root: Node, overrides: Sequence[str], variant: str | None, source: S
     return root
 
 
+def in_numbers(root: Node) -> Node:
+    """The tree with numbers in place of texts with units that fit; the schema reports the others.
+
+    A single text in place of a vector points to the right, as gravity does down.
+    """
+    stated = children(root, "world").get("pixels_per_meter")
+    scale = float(at("world.pixels_per_meter")["default"])
+    if stated is not None:
+        value = quantity(str(stated.value), "px/m", 1.0) if isinstance(stated.value, str) else stated.value
+        scale = value if isinstance(value, int | float) and value > 0 else scale
+
+    def changed(node: Node, part: Schema, path: KeyPath, unit: str) -> Node:
+        value = node.value
+        if isinstance(value, str):
+            number = quantity(value, unit, scale) if unit else None
+            if number is None or part.get("type") not in ("number", "array"):
+                return node
+            if part["type"] == "number":
+                return node.with_value(number)
+            ends = (0.0, number) if path[-1] == "gravity" else (number, 0.0)
+            return node.with_value([node.with_value(end) for end in ends])
+        keys = (
+            value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+        )
+        found: dict[Any, Node] = {}
+        for key, child in keys:
+            if isinstance(child.value, str | list | dict) and (below := inner(part, key)) is not None:
+                of_list = unit if isinstance(key, int) else ""
+                new = changed(child, below, (*path, key), below.get("x-unit", of_list))
+                found |= {} if new is child else {key: new}
+        if isinstance(value, dict):
+            return node.with_value({**value, **found}) if found else node
+        return (
+            node.with_value([found.get(n, child) for n, child in enumerate(items(node))]) if found else node
+        )
+
+    return changed(root, expanded(), (), "")
+
+
 def _check(root: Node, report: Findings, files: Files) -> Ground:
     try:
         check_schema(root, report)
@@ -171,7 +210,7 @@ def _problems_of_variants(root: Node, own: Findings, files: Files) -> Iterator[P
                 raise
             report.problems.update(dict.fromkeys(error.problems))
             continue
-        _check(changed, report, files)
+        _check(in_numbers(changed), report, files)
     yield from (problem for problem in report.problems if problem not in own.problems)
 
 

@@ -44,6 +44,9 @@ def _expand(part: Any, defs: Schema) -> Any:
     if not isinstance(part, dict):
         return part
     own = {key: _expand(value, defs) for key, value in part.items() if key != "$ref"}
+    if part.get("type") in (["number", "string"], ["array", "string"]) and "if" not in part:
+        own["type"] = part["type"][0]  # texts with units are numbers before the schema is asked
+        own.pop("pattern", None)
     if "$ref" not in part:
         return own
     target = _expand(defs[part["$ref"].removeprefix("#/$defs/")], defs)

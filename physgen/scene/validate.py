@@ -17,7 +17,7 @@ from physgen.problems import Place, Problem
 from physgen.scene.document import Node, plain
 from physgen.scene.overlay import NAMED
 from physgen.scene.schema import Schema, advice, at, bounds, expanded, inner, limit, measure
-from physgen.text import UNITS, KeyPath, dotted, example, listed, nearest, quoted, shown
+from physgen.text import ALLOWED, UNITS, KeyPath, dotted, example, listed, nearest, quoted, shown
 
 if TYPE_CHECKING:
     from jsonschema import ValidationError
@@ -248,7 +248,10 @@ class _Fault:
             expected, fix = "does not fit here", f"write {listed(self._ways())}"
         elif "array" in kinds:
             what, count = self._count()
-            expected, fix = f"is not a list of {count}", f"write {count}{self._in_unit(what)}{self.hint}"
+            expected, fix = (
+                f"is not a list of {count}",
+                f"write {count}{self._in_unit(what)}{self._units()}{self.hint}",
+            )
         elif "boolean" in kinds:
             meant = {"yes": "true", "on": "true", "y": "true", "no": "false", "off": "false", "n": "false"}
             word = meant.get(value.lower()) if isinstance(value, str) else None
@@ -260,7 +263,7 @@ class _Fault:
         else:
             expected = "is not a whole number" if "integer" in kinds else "is not a number"
             ranged = isinstance(value, float)
-            fix = f"write {measure(self._numeric(), self.unit, ranged=ranged)}{self.hint}"
+            fix = f"write {measure(self._numeric(), self.unit, ranged=ranged)}{self._units()}{self.hint}"
         return findings.value(self.node, self.path, expected, fix)
 
     def _ways(self) -> list[str]:
@@ -284,6 +287,10 @@ class _Fault:
 
     def _in_unit(self, what: str) -> str:
         return f" in {UNITS.get(self.unit, self.unit)}" if self.unit and what != "mappings" else ""
+
+    def _units(self) -> str:
+        """Units that a text may have here."""
+        return f", or a number with {ALLOWED[self.unit]} behind it" if self.unit in ALLOWED else ""
 
     def _choice(self, findings: Findings) -> None:
         value, schema = self.node.value, self.schema
