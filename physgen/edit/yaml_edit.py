@@ -414,7 +414,9 @@ GUESSES = {
     "friction": ("friction", "ordinary friction", "at least this much"),
     "layer": ("in front: ",),
     "motion": ("cut off by the photo's border", "nothing that is seen keeps", "nothing visible"),
-    "pixels_per_meter": ("1 px = 1 cm", "from the ordinary size", "as given; masses", "as it was, for what"),
+    "label": ("or ",),
+    "velocity": ("the push that sets",),
+    "pixels_per_meter": ("1 px = 1 cm", "assumed: ", "from the ordinary size", "as given"),
     "view": ("side or top: ",),
     "table": ("friction cannot be seen",),
 }

@@ -21,6 +21,7 @@ from physgen.edit.live import Live, mask_png
 from physgen.edit.masks import stroke
 from physgen.edit.operations import edited
 from physgen.edit.yaml_edit import without_guess_comments
+from physgen.geometry.polygon import Disc, Outline, mass_properties
 
 W, H = 240, 160
 Y, X = np.mgrid[:H, :W]
@@ -64,6 +65,10 @@ class Desk:
         made = correct(self.live, self.text, op)
         self.before, self.text = self.text, made.text
         return made
+
+    def outline(self, name: str) -> Outline:
+        sight = self.live.state(self.text)
+        return sight.compiled.outlines[[item.name for item in sight.scene.objects].index(name)]
 
     @property
     def maps(self) -> Path:
@@ -134,9 +139,10 @@ def test_a_box_mends_a_mask_and_all_that_follows_from_it(desk: Desk) -> None:
     assert off[DISC].mean() < 4, "nothing of it shows behind it any more"
     assert desk.map("coverage")[missing].min() > 127, "soft at the border, and never more than half open"
     now = desk.entry(disc)
-    circle = now["shape"]["circle"]
-    assert circle["center"] == pytest.approx([70, 60], abs=0.5)
-    assert circle["radius"] == pytest.approx(24, abs=0.6)
+    circle = desk.outline(disc)
+    assert isinstance(circle, Disc)
+    assert circle.center == pytest.approx([70, 60], abs=0.5)
+    assert circle.radius == pytest.approx(24, abs=0.6)
     assert now["mass"] > was["mass"]
     assert now["prompt"] == {"box": [44, 34, 53, 53]}
     assert now["from"]["mask"].startswith("pointed at")
@@ -193,10 +199,10 @@ def test_brush_and_eraser_paint_exactly_what_they_touch(desk: Desk) -> None:
     along = np.clip(((X - 75) + (Y - 40)) / 30, 0, 1) * 15  # the line has a slope of 1
     exact = np.hypot(X - 75 - along, Y - 40 - along) <= 6
     assert np.array_equal(desk.mask(disc), before | exact)
-    shape = desk.entry(disc)["shape"]
+    area = mass_properties(desk.outline(disc)).area
     desk.do(kind="eraser", object=disc, strokes=[[75, 40], [90, 55]], radius=6)
     assert np.array_equal(desk.mask(disc), before & ~exact)
-    assert desk.entry(disc)["shape"] != shape
+    assert mass_properties(desk.outline(disc)).area < area
     assert "mask" not in desk.entry(disc).get("from", {}), "what a person drew, nobody guessed"
     assert "prompt" not in desk.entry(disc)
     assert np.array_equal(desk.mask(block), BLOCK)
@@ -219,7 +225,7 @@ def hand_set(desk: Desk, name: str, mass: float) -> None:
     start = desk.text.index(f"  {name}:")
     text = desk.text[start:]
     text = text.replace(f"mass: {entry['mass']}", f"mass: {mass}", 1)
-    said = f"      mass: {entry['from']['mass']}\n"
+    said = f"mass: {entry['from']['mass']}, "
     assert said in text
     desk.text = desk.text[:start] + text.replace(said, "", 1)
     assert desk.entry(name)["mass"] == mass
@@ -232,7 +238,7 @@ def test_merged_is_the_union_and_weighs_the_sum(desk: Desk) -> None:
     hand_set(desk, block, 12)
     union = desk.mask(disc) | desk.mask(block)
     push = f"forces:\n  - {{object: {block}, impulse: [100, 0]}}"
-    desk.text = desk.text.replace("forces: []", push)
+    desk.text += f"{push}\n"
     assert push in desk.text
     coverage = desk.map("coverage")
     desk.do(kind="merge", objects=[disc, block])
@@ -252,12 +258,12 @@ def test_what_named_the_one_names_the_other_once_they_are_merged(desk: Desk) -> 
                    "both": {"wind": [3, 0], "drag": 2, "objects": [disc, block]}},
         "joints": {"pin": {"objects": [block], "pivot": [170, 100]},
                    "rod": {"objects": [disc, block], "pivot": [120, 80]}},
-        "render": {"camera": {"follow": block, "zoom": 2}},
+        "render": {"slow": 4, "camera": {"follow": block, "zoom": 2}},
         "variants": {"fast": {f"objects.{block}.velocity": [90, 0], f"objects.{block}.mass": 3,
                               "world.duration": 2},
                      "held": {f"objects.{block}.motion": "static", f"objects.{disc}.motion": "dynamic"}},
     }  # fmt: skip
-    desk.text += yaml.safe_dump(more)
+    desk.text = desk.text[: desk.text.index("render:")] + yaml.safe_dump(more)
     made = desk.do(kind="merge", objects=[disc, block])
     data = yaml.safe_load(desk.text)
     assert {name: told["objects"] for name, told in data["fields"].items()} == {
@@ -318,7 +324,7 @@ def test_what_perception_said_of_a_number_goes_when_a_person_sets_it(desk: Desk)
     before = desk.text.split("\n")
     said = [line for line in before if "# g: " in line]
     assert len(said) == 2
-    assert any(line.startswith("  # 1 px = 1 cm") for line in before)
+    assert any("  # assumed: the photo shows 0.5 m" in line for line in before)
     ops = [
         {"set": ["objects", disc, "mass"], "value": 33},
         {"set": ["objects", disc, "friction"], "value": 0.11},
@@ -328,11 +334,11 @@ def test_what_perception_said_of_a_number_goes_when_a_person_sets_it(desk: Desk)
     after = without_guess_comments(made, [op["set"] for op in ops]).split("\n")
     diff = [line for line in difflib.ndiff(made.split("\n"), after) if line[:2] in ("- ", "+ ")]
     added = [line[2:] for line in diff if line[0] == "+"]
-    assert added == ["    mass: 33", "    friction: 0.11"]
+    assert added == ["  pixels_per_meter: 555", "    mass: 33", "    friction: 0.11"]
     gone = [line[2:].strip() for line in diff if line[0] == "-"]
-    for start in ("mass: 33  # g: ", "friction: 0.11  # ", "# 1 px = 1 cm", "# A larger number makes"):
+    for start in ("mass: 33  # g: ", "friction: 0.11  # ", "pixels_per_meter: 555  # assumed"):
         assert [line for line in gone if line.startswith(start)], start
-    assert len(gone) == 4
+    assert len(gone) == 3
     mine = "\n".join(after).replace("    mass: 33", "    mass: 33  # weighed it")
     assert without_guess_comments(mine, [["objects", disc, "mass"]]) == mine
 
