@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from math import hypot, isnan
+from struct import Struct
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ WORDS, NUMBERS = 3, 14
 """Integers and floats of one contact."""
 CONTACT_BYTES = 8 * WORDS
 """Of the integers."""
+_WORDS, _NUMBERS = Struct(f"={WORDS}q"), Struct(f"={NUMBERS}d")
 _ON_FIRST, _ON_SECOND, _DISTANCE = ([4, 5, 9, 10], [6, 7, 11, 12], [8, 13])
 
 
@@ -55,6 +57,30 @@ def touching(words: bytes, numbers: bytes | None) -> Touching:
         on_second=rows[:, _ON_SECOND].reshape(-1, 2, 2),
         depth=-rows[:, _DISTANCE],
     )
+
+
+def split_contacts(words: bytes) -> list[bytes]:
+    """Contacts one by one, as their partners and number of points."""
+    return [words[k : k + CONTACT_BYTES] for k in range(0, len(words), CONTACT_BYTES)]
+
+
+def any_closes(
+    words: bytes, numbers: bytes, rows: list[int], pose: Array, velocity: Array, threshold: float
+) -> bool:
+    """Whether a point of the contacts in `rows` closes faster than `threshold` px/s, to the bit as `contact_points`."""
+    for k in rows:
+        a, b, count = _WORDS.unpack_from(words, k * _WORDS.size)
+        values = _NUMBERS.unpack_from(numbers, k * _NUMBERS.size)
+        nx, ny = values[2:4]
+        (ax, ay, _), (bx, by, _) = pose[a].tolist(), pose[b].tolist()
+        (avx, avy, aw), (bvx, bvy, bw) = velocity[a].tolist(), velocity[b].tolist()
+        for at in (4, 9)[:count]:
+            px, py, qx, qy = values[at : at + 4]
+            apart = (avx - aw * (py - ay)) - (bvx - bw * (qy - by))
+            aside = (avy + aw * (px - ax)) - (bvy + bw * (qx - bx))
+            if apart * nx + aside * ny > threshold:
+                return True
+    return False
 
 
 def contact_places(numbers: bytes) -> Array:

@@ -32,9 +32,11 @@ from physgen.simulate.contacts import (
     WORDS,
     ContactProperties,
     Touching,
+    any_closes,
     contact_places,
     contact_points,
     contacts_jumped,
+    split_contacts,
     touching,
 )
 from physgen.simulate.forces import (
@@ -77,6 +79,14 @@ SEAM = 0.5
 STRAIGHT = 0.999
 """Cosine of the angle up to which two walls that meet make one smooth line."""
 
+FEW = 8
+"""New contacts up to which plain numbers are quicker than arrays."""
+MOST_ORDERS = 1000
+"""Lists of contacts whose order is remembered."""
+Order = tuple[NDArray[np.int64], Index, list[tuple[int, int]], bytes]
+"""(K, 3) words, (K,) their order by pairs, runs of one pair, and the words in order where there is no run."""
+_PLACE = [4, 5, 9, 10, 0, 1, 2, 3]
+"""Numbers of a contact by which those of one pair are sorted: points on both bodies, impulse, normal."""
 _STATE = BodyFields.POSITION | BodyFields.ANGLE | BodyFields.VELOCITY | BodyFields.ANGULAR_VELOCITY
 _LOAD = BodyFields.FORCE | BodyFields.TORQUE
 _CONTACT = (
@@ -488,10 +498,15 @@ class Stepper:
 
         What touched before closes by what the solver left undone, and does not bounce, but for a `surprise`.
         """
-        touch = touching(words, numbers)
         threshold = self._governor.threshold(h)
         wide, fast = self._wide, self._fast
         wide[self._space.moving], fast[self._space.moving] = pose, velocity
+        if not surprise and not first:
+            known = set(split_contacts(self._words))
+            new = [k for k, contact in enumerate(split_contacts(words)) if contact not in known]
+            if len(new) <= FEW and not any_closes(words, numbers, new, wide, fast, threshold):
+                return None
+        touch = touching(words, numbers)
         points = contact_points(touch, wide, fast)
         if not (points.closing > threshold).any():
             return None
@@ -551,6 +566,8 @@ class Space:
             self._place_buffer.set_float_buf(self._placing)
             self._push_buffer.set_float_buf(self._pushing)
         self._brakes: dict[Pair, pymunk.SimpleMotor] = {}
+        self._orders: dict[bytes, Order] = {}
+        """By contacts as pymunk lists them: few lists come again and again."""
 
     @property
     def iterations(self) -> int:
@@ -572,17 +589,31 @@ class Space:
 
     def _in_order(self) -> tuple[bytes, bytes]:
         """Contacts by bodies and places; pymunk's ids and order are those of memory addresses."""
-        words = np.array(self._contacts.int_buf()).view(np.int64).reshape(-1, WORDS)
-        words[:, :2] = self._by_id[np.searchsorted(self._ids, words[:, :2].view(np.uint64))]
+        listed = bytes(self._contacts.int_buf())
         rows = np.frombuffer(self._contacts.float_buf()).reshape(-1, NUMBERS)
-        if len(words) < 2:
-            return words.tobytes(), rows.tobytes()
-        pair = words[:, 0] << 32 | words[:, 1]
-        order = np.argsort(pair)
-        if len(set(pair.tolist())) < len(pair):
-            # several pieces or segments, of which some touch at one and the same corner
-            order = np.lexsort((*rows.T[[3, 2, 1, 0, 10, 9, 5, 4]], pair))
+        if listed not in self._orders:
+            if len(self._orders) >= MOST_ORDERS:
+                self._orders.clear()
+            self._orders[listed] = self._order(listed)
+        words, order, alike, sorted_words = self._orders[listed]
+        if not alike:
+            return sorted_words, rows[order].tobytes()
+        order = order.copy()
+        places = rows[:, _PLACE].tolist()
+        for start, end in alike:
+            order[start:end] = sorted(order[start:end].tolist(), key=places.__getitem__)
         return words[order].tobytes(), rows[order].tobytes()
+
+    def _order(self, listed: bytes) -> Order:
+        """Contacts as pymunk lists them: with our numbers of bodies, their order, and runs of one pair in it."""
+        words = np.frombuffer(listed, np.int64).reshape(-1, WORDS).copy()
+        words[:, :2] = self._by_id[np.searchsorted(self._ids, words[:, :2].view(np.uint64))]
+        pair = words[:, 0] << 32 | words[:, 1]
+        order = np.argsort(pair, kind="stable")
+        _, starts, counts = np.unique(pair[order], return_index=True, return_counts=True)
+        # several pieces or segments, of which some touch at one and the same corner
+        alike = [(a, a + n) for a, n in zip(starts.tolist(), counts.tolist(), strict=True) if n > 1]
+        return words, order, alike, words[order].tobytes()
 
     def weaken(self, part: float) -> None:
         """Let gravity act with a part of its strength."""
