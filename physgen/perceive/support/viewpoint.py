@@ -29,7 +29,7 @@ from physgen.scene.scene import View
 
 LEAST = 30  # px of background from which a part of the photo counts
 SPREAD = 12.0  # CIE 1976 Lab: standard deviation of a background from which its layers count in full
-PRIOR = 0.5  # log odds: photos of objects at rest are more often taken from the side
+PRIOR = 1.0  # log odds: photos of objects at rest are more often taken from the side
 
 
 @dataclass(frozen=True)
