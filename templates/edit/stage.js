@@ -15,6 +15,7 @@ export const INKS = {
   field: "#ffac50",
 };
 const MARGIN = 20,
+  TOP = 78, // px: under the strip of a tool and the light
   LARGEST = 1600;
 
 export function start(editor) {
@@ -82,9 +83,10 @@ export function start(editor) {
   function fit() {
     const [w, h] = size(),
       box = stage.getBoundingClientRect();
-    view.scale = Math.max(0.05, Math.min((box.width - 2 * MARGIN) / w, (box.height - 2 * MARGIN) / h));
+    const high = box.height - TOP - MARGIN;
+    view.scale = Math.max(0.05, Math.min((box.width - 2 * MARGIN) / w, high / h));
     view.x = (box.width - w * view.scale) / 2;
-    view.y = (box.height - h * view.scale) / 2;
+    view.y = TOP + (high - h * view.scale) / 2;
     view.fitted = true;
     place();
   }
