@@ -9,14 +9,28 @@ function start(root, physics, data) {
   const on = new Set(["shadows"]);
   let paint = null, charts = null, asked = false;
 
-  const clock = makeClock(clip, (change) => { follow(change); show(change); });
+  // ---- the video, the preview, or both
   let follow = () => {};
+  const views = [...root.querySelectorAll("[data-view]")];
+  for (const button of views) {
+    button.addEventListener("click", (event) => {
+      view(button.dataset.view);
+      if (event.detail) button.blur(); // after a click of the mouse, space plays
+    });
+  }
+  function view(name) {
+    root.dataset.view = name;
+    for (const button of views) button.setAttribute("aria-pressed", button.dataset.view === name);
+    follow({ sought: true });
+  }
+
+  const clock = makeClock(clip, (change) => { follow(change); show(change); });
   const film = $("film"), frames = film && film.dataset.frames, held = film && film.src.startsWith("data:");
   if (video) {
     video.removeAttribute("controls");
     video.addEventListener("click", clock.toggle);
     video.addEventListener("error", missing);
-    if (!held && (video.error || video.networkState === 3)) missing();
+    if (!held && video.error) missing();
     const driver = followVideo(video, clip, clock, () => root.dataset.view !== "preview");
     clock.driver = driver;
     follow = driver.follow;
@@ -35,20 +49,6 @@ function start(root, physics, data) {
     video.hidden = true;
     $("missing").hidden = false;
     view("preview");
-  }
-
-  // ---- the video, the preview, or both
-  const views = [...root.querySelectorAll("[data-view]")];
-  for (const button of views) {
-    button.addEventListener("click", (event) => {
-      view(button.dataset.view);
-      if (event.detail) button.blur(); // after a click of the mouse, space plays
-    });
-  }
-  function view(name) {
-    root.dataset.view = name;
-    for (const button of views) button.setAttribute("aria-pressed", button.dataset.view === name);
-    follow({ sought: true });
   }
 
   // ---- the picture
