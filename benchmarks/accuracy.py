@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from layout import table
+from paper import tenths
 from physics import table as physics_table
 from plausibility.confusion import balanced, interval
 
@@ -154,7 +155,7 @@ def controllability(rows: Any) -> list[Row]:
 
 
 def runtime(rows: Any) -> list[Row]:
-    here, there = rows[0]["sentences"][0].split(" The paper: ")
+    here, there = tenths(rows[0]["sentences"][0]).split(" The paper: ")
     return [("Runtime, photo to video", here, there, "`python benchmarks/run.py runtime`")]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -188,11 +189,18 @@ def runtime_table(rows: list[dict]) -> list[str]:
     (part,) = row["sections"][0]["tables"]
     kept = [k for k, head in enumerate(part["heads"]) if head not in ("runs", "CPU")]
     heads = ["part", "wall, s", "least", "most", "the paper, A40, s"]
-    return [
-        *prose(*row["sentences"][:4]),
-        "",
-        *table(heads, [[line[k] for k in kept] for line in part["rows"]]),
-    ]
+    sentences = (tenths(line) for line in row["sentences"][:4])
+    body = [[tenths(line[k]) for k in kept] for line in part["rows"]]
+    return [*prose(*sentences), "", *table(heads, body)]
+
+
+def tenths(text: str) -> str:
+    """Seconds with three places are written with one.
+
+    >>> tenths("7.226 s of wall time (5.844 to 22.3)")
+    '7.2 s of wall time (5.8 to 22.3)'
+    """
+    return re.sub(r"\d+\.\d{3}", lambda found: f"{float(found[0]):.1f}", text)
 
 
 def _sentences(lines: Sequence[str]) -> list[str]:
