@@ -222,8 +222,12 @@ def _world_facts(scene: Scene, world: World) -> list[tuple[str, str, str]]:
     gravity = float(np.hypot(*world.gravity))
     facts = [
         ("view", world.view.value, ""),
-        ("scale", f"{scale:g} px/m", ""),
-        ("gravity", f"{world.gravity[0]:g}, {world.gravity[1]:g} px/s²", f"{rounded(gravity / scale)} m/s²"),
+        ("scale", f"{rounded(scale, 4)} px/m", ""),
+        (
+            "gravity",
+            f"{rounded(world.gravity[0], 4)}, {rounded(world.gravity[1], 4)} px/s²",
+            f"{rounded(gravity / scale)} m/s²",
+        ),
         ("canvas", f"{wide} × {high} px", f"{rounded(wide / scale)} × {rounded(high / scale)} m"),
         ("duration", f"{world.duration:g} s", ""),
         ("video", f"{scene.video_size[0]} × {scene.video_size[1]} px", _played(scene.render)),
