@@ -1,32 +1,29 @@
-"""`edit`: a scene or a photo in the browser editor."""
+"""`edit`: a scene or a photo in the browser editor; `rename`, `merge`, `remove` and `layer` edit a file at once."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import sys
+from collections.abc import Sequence
 from contextlib import suppress
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 from physgen.cli.arguments import Command, Parser, whole
 from physgen.cli.output import OK, Bar, print_error, print_line
 from physgen.cli.perceive import add_backends
 from physgen.problems import InputError
+from physgen.text import listed, nearest
 
 NEEDED = ("fastapi", "filelock", "uvicorn")
 SCENES = (".yaml", ".yml", ".physgen")
 
 
 def edit(options: argparse.Namespace) -> int:
-    missing = [name for name in NEEDED if find_spec(name) is None]
-    if missing:
-        raise InputError.of(
-            "physgen edit",
-            "",
-            f"needs {' and '.join(missing)}, not installed here",
-            'pip install "physgen[edit]"',
-        )
+    _check_installed("edit")
     if options.output.exists() and not options.output.is_dir():
         raise InputError.of(str(options.output), "", "is a file", "name a folder with -o")
     scene = _scene(options)
@@ -63,6 +60,51 @@ def edit(options: argparse.Namespace) -> int:
         print_error(
             f"{scene}: not saved; what was edited is kept in {kept.name}, and the next physgen edit goes on there"
         )
+    return OK
+
+
+def _check_installed(command: str) -> None:
+    missing = [name for name in NEEDED if find_spec(name) is None]
+    if missing:
+        what = f"needs {' and '.join(missing)}, not installed here"
+        raise InputError.of(f"physgen {command}", "", what, 'pip install "physgen[edit]"')
+
+
+def edit_file(options: argparse.Namespace) -> int:
+    """One edit of objects; all other lines and the comments stay."""
+    _check_installed(options.command)
+    from physgen.edit.corrections import correct
+    from physgen.edit.live import Live
+    from physgen.edit.operations import edited
+    from physgen.files import write_atomic
+    from physgen.problems import EditError
+    from physgen.scene.load import Opened
+
+    path: Path = options.scene
+    known = [item.name for item in Opened(path, options.allow_outside).scene().objects]
+    for name in options.objects:
+        if name not in known:
+            close = nearest(name, known)
+            fix = f"did you mean {close}?" if close else f"the objects are {listed(known[:20], 'and')}"
+            raise InputError.of(str(path), f'"{name}"', "names no object", fix)
+    text, first = path.read_bytes().decode("utf-8"), options.objects[0]
+    at = ["objects", first]
+    ops: dict[str, list[dict[str, Any]]] = {
+        "rename": [{"rename": at, "to": getattr(options, "to", "")}],
+        "remove": [{"remove": ["objects", name]} for name in options.objects],
+        "layer": [{"set": [*at, "layer"], "value": getattr(options, "layer", 0)}],
+    }
+    try:
+        if options.command == "merge":
+            op = {"kind": "merge", "objects": options.objects}
+            text = correct(Live(path), text, op).text
+        else:
+            text = edited(text, ops[options.command]).text
+    except EditError as error:
+        raise InputError.of(str(path), "", error.message, error.fix) from None
+    Opened(path, options.allow_outside, text).scene()
+    write_atomic(path, text.encode("utf-8"))
+    print_line(str(path))
     return OK
 
 
@@ -107,6 +149,26 @@ def add(parser: Parser) -> None:
     add_backends(parser)
 
 
+def _add_file_edit(extra: Sequence[str], parser: Parser) -> None:
+    parser.add_argument("scene", metavar="SCENE", type=Path, help="the file, which is changed")
+    count: Any = {"merge": 2, "remove": "+"}.get(parser.prog.split()[-1], 1)
+    parser.add_argument("objects", metavar="NAME", nargs=count, help="an object")
+    if "to" in extra:
+        parser.add_argument("to", metavar="NEW", help="its new name")
+    if "layer" in extra:
+        parser.add_argument("layer", metavar="N", type=whole(-1000, 1000), help="larger is nearer")
+    parser.flag("--allow-outside", "let the scene read files outside its folder")
+
+
+FILE_EDITS = tuple(
+    Command(name, about, f"physgen {name} scene.yaml {example}", partial(_add_file_edit, extra), edit_file)
+    for name, about, example, extra in (
+        ("rename", "Renames an object, wherever the scene names it.", "ball-1 cue-ball", ["to"]),
+        ("merge", "Makes one object of two, under the name of the first.", "crane-1 crane-2", []),
+        ("remove", "Removes objects from a scene and from the picture.", "ball-2", []),
+        ("layer", "Sets the order in which an object is drawn.", "bowl 1", ["layer"]),
+    )
+)
 EDIT = Command(
     "edit",
     "Opens a scene or a photo in the browser: push objects and watch; see docs/editor.md.",

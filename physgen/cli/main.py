@@ -149,6 +149,7 @@ COMMANDS = {
         perceive.PERCEIVE,
         perceive.IMPORT,
         edit.EDIT,
+        *edit.FILE_EDITS,
         simulate.SHOW,
         simulate.CHECK,
         simulate.SIMULATE,

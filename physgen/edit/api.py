@@ -18,10 +18,10 @@ from fastapi.security import APIKeyHeader
 from pydantic import Field, JsonValue
 from starlette.responses import FileResponse, JSONResponse, Response
 
-from physgen.edit.errors import EditError, Why, impossible, overtaken
 from physgen.edit.operations import Body, Op
 from physgen.edit.render_job import RenderJob
 from physgen.edit.session import EditRequest, Session, Words
+from physgen.problems import EditError, Why, impossible, overtaken
 from physgen.text import quoted
 
 TOKEN = "x-physgen-token"

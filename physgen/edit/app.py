@@ -29,11 +29,10 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from physgen import __version__
 from physgen.edit.api import TOKEN, Events, Served, Services, api
-from physgen.edit.errors import EditError, Why
 from physgen.edit.render_job import RenderJob
 from physgen.edit.session import Session
 from physgen.files import resource
-from physgen.problems import InputError
+from physgen.problems import EditError, InputError, Why
 
 PLAYER = ("motion", "clock", "scene", "balls", "touch", "units", "quantities", "layers")
 """Scripts of the report's player without its charts and page, joined in this order."""

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from physgen import registry
 from physgen.compile.shapes import snapped_to_boundaries
-from physgen.edit.errors import impossible
 from physgen.edit.live import Live
 from physgen.edit.masks import PromptSegmenter, count, make, parse_op
 from physgen.edit.object_entries import (
@@ -33,7 +32,6 @@ from physgen.edit.object_entries import (
     written,
 )
 from physgen.edit.operations import edited
-from physgen.edit.yaml_edit import without_guess_comments
 from physgen.files import write_atomic
 from physgen.geometry.fitting import fit_outlines
 from physgen.geometry.polygon import translated_outline
@@ -42,8 +40,9 @@ from physgen.perceive import document
 from physgen.perceive.inpaint.poisson import dilate
 from physgen.perceive.roles import SMALLEST_OBJECT, BoundaryGuess, PhotoObject
 from physgen.photos import read_channels
-from physgen.problems import InputError
+from physgen.problems import InputError, impossible
 from physgen.scene.scene import MaskId
+from physgen.scene.yaml_edit import without_guess_comments
 
 U8 = NDArray[np.uint8]
 U16 = NDArray[np.uint16]

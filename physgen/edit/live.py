@@ -19,11 +19,10 @@ from numpy.typing import NDArray
 
 from physgen.compile.compile import Compiled
 from physgen.compile.world import World, appearance, photo_poses
-from physgen.edit.errors import impossible
 from physgen.maps import Percepts
 from physgen.pipeline.cache_keys import key, motion_key
 from physgen.pipeline.stages import Keep, Recent, Stages, lint, stage
-from physgen.problems import InputError, Problem
+from physgen.problems import InputError, Problem, impossible
 from physgen.render.stage import Stage
 from physgen.report.player import (
     fields,

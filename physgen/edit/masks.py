@@ -15,7 +15,6 @@ from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
 from physgen import registry
 from physgen.compile.shapes import fill_polygon
-from physgen.edit.errors import impossible
 from physgen.edit.object_entries import (
     Correction,
     Data,
@@ -38,7 +37,7 @@ from physgen.perceive.segment.prompts import (
     segment_point,
 )
 from physgen.pipeline.stages import Recent
-from physgen.problems import InputError
+from physgen.problems import InputError, impossible
 from physgen.registry import Backends
 
 MAX_STROKE_WORK = 10**9

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen import registry
-from physgen.edit.errors import impossible
 from physgen.edit.live import CompiledScene, Live
 from physgen.geometry.polygon import Disc, Outline, bounds, mass_properties
 from physgen.maps import Percepts
@@ -18,7 +17,7 @@ from physgen.perceive import document
 from physgen.perceive.refresh import perceived_keys, rewritten, without_edited
 from physgen.perceive.roles import BoundaryGuess, Detections, Name, PhotoObject
 from physgen.perceive.scale import is_assumed
-from physgen.problems import InputError
+from physgen.problems import InputError, impossible
 from physgen.scene.scene import Scene
 
 Data = dict[str, Any]

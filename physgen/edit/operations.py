@@ -17,13 +17,12 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, JsonValue, TypeAdapter, ValidationError
 
-from physgen.edit import yaml_edit
-from physgen.edit.errors import impossible
-from physgen.edit.yaml_edit import marked, same
-from physgen.problems import InputError
+from physgen.problems import InputError, impossible
+from physgen.scene import yaml_edit
 from physgen.scene.document import Node, Source, plain
 from physgen.scene.overlay import SEALED, Edit, apply, kind_of, parse_key, rivals
 from physgen.scene.schema import published, schema_at
+from physgen.scene.yaml_edit import marked, same
 from physgen.text import KeyPath, dotted
 
 Data = dict[str, Any]

@@ -18,8 +18,8 @@ from secrets import token_hex
 from threading import Lock, Thread
 from typing import Any
 
-from physgen.edit.errors import EditError, Why, impossible
 from physgen.export.video import Format
+from physgen.problems import EditError, Why, impossible
 
 Data = dict[str, Any]
 

@@ -16,15 +16,14 @@ from pydantic import BeforeValidator, Field
 
 from physgen.edit.corrections import correct
 from physgen.edit.draft import Draft, Unsaved, draft_folder, write_durably
-from physgen.edit.errors import EditError, Why, impossible
 from physgen.edit.live import Live, Pictures, mask_png, photo_png
 from physgen.edit.masks import PromptSegmenter
 from physgen.edit.operations import Body, Op, SetOp, edited, whole
-from physgen.edit.yaml_edit import marked, without_guess_comments
 from physgen.files import back_up, file_stamp
-from physgen.problems import InputError
+from physgen.problems import EditError, InputError, Why, impossible
 from physgen.scene.document import MAX_BYTES, decode
 from physgen.scene.files import scene_bytes
+from physgen.scene.yaml_edit import marked, without_guess_comments
 
 PAUSE = 5.0
 """s after which an edit is a step of its own, whatever its tag."""

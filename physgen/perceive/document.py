@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from math import atan2, degrees, floor
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 
@@ -39,16 +40,15 @@ from physgen.perceive.roles import (
 from physgen.perceive.support.viewpoint import DOUBTS
 from physgen.photometry import DistantLight
 from physgen.problems import InputError, Place, Problem, Severity
-from physgen.scene.files import MAPS, OUTLINES
+from physgen.scene.files import MAPS, OUTLINES, RECORD
 from physgen.scene.scene import Solid, View
 from physgen.scene.write import scene_text
+from physgen.scene.yaml_edit import marked, with_comments, without_guess_comments, write
 
 GENERIC = ("object", "thing")
 """Labels without meaning."""
 MOST_CORNERS = 12
 """Of a polygon that is written into the scene; longer ones lie in the assets."""
-RECORD = "perceived.json"
-"""Which backend did each step of perceiving, how long it took and what it cost."""
 SCHEMA = "scene-1.schema.json"
 """Copied into the assets, so that editors complete and check the scene wherever it lies, offline too."""
 
@@ -436,15 +436,16 @@ def write_scene(
     output: Path | None,
     assets: Path | None = None,
     keep: Keep = ignore_kept_file,
-    explicit: Collection[str] = (),
+    before: str | None = None,
 ) -> str:
     """Writes the assets, and the scene file where `output` is given; returns the scene's text.
+
+    `before` is the text of a scene that was perceived again: lines, comments and shapes stay where nothing is new.
 
     Assets go to `OUTPUT-STEM.assets/` beside the scene, or `NAME.assets/` in the current folder, unless `assets` says
     otherwise. `photo` is its file, copied into them from outside the scene's folder; None where no scene can name the
     file as it is: it is then written as `NAME.png`. Existing files that differ are kept as `NAME~` (`keep` is called
-    with them). The shapes of `explicit` objects are written into the scene. Raises InputError when the assets would lie
-    outside the scene's folder.
+    with them). Raises InputError when the assets would lie outside the scene's folder.
     """
     folder = output.parent if output else Path()
     if assets is None:
@@ -455,6 +456,9 @@ def write_scene(
         raise InputError.of("--assets", f'"{assets}"', expected, f"name a folder {where}")
     if output is not None:
         folder.mkdir(parents=True, exist_ok=True)
+    for file, crc in _recorded(assets, "files").items():
+        if (assets / file).is_file() and crc32((assets / file).read_bytes()) == crc:
+            (assets / file).unlink()  # as it was written: nobody painted in it
     ranges = write_assets(perceived.percepts, assets, keep)
     if photo is None:
         photo = assets / _free_of_maps(f"{name}.png")
@@ -468,6 +472,10 @@ def write_scene(
     body = {key: value for key, value in perceived.document.items() if key not in (*head, "maps")}
     if ranges:
         body["maps"] = {name: list(bounds) for name, bounds in ranges.items()}
+    old: dict[str, Any] = {} if before is None else marked(before).data()
+    explicit = [name for name, was in old.get("objects", {}).items() if "shape" in was]
+    body["objects"], outlines = stored_outlines(body["objects"], perceived.percepts.labels, explicit)
+    write_with_backup(assets / OUTLINES, outlines.encode(), keep)
     schema = assets / SCHEMA
     write_with_backup(schema, resource("schemas", SCHEMA).read_bytes(), keep)
     values = perceived_values(perceived.document)
@@ -475,13 +483,35 @@ def write_scene(
     record["world"] = {"pixels_per_meter": perceived.document["world"].get("pixels_per_meter")}
     if (suits := perceived.suitability) is not None:
         record["suitability"] = {"verdict": suits.verdict, "reasons": list(suits.reasons)}
+    made = sorted(
+        file for file in assets.iterdir() if file.suffix in (".png", ".json") and file.name != RECORD
+    )
+    record["files"] = {file.name: crc32(file.read_bytes()) for file in made if file != photo}
     write_atomic(assets / RECORD, json.dumps(record, ensure_ascii=False).encode() + b"\n")
-    body["objects"], outlines = stored_outlines(body["objects"], perceived.percepts.labels, explicit)
-    write_with_backup(assets / OUTLINES, outlines.encode(), keep)
-    text = scene_text(head | body, perceived.comments, perceived.header, _relative(schema, folder))
+    modeline = _relative(schema, folder)
+    if before is None:
+        text = scene_text(head | body, perceived.comments, perceived.header, modeline)
+    else:
+        text = _rewritten(before, old, head | body, perceived.comments)
+        text = re.sub(r"\A# yaml-language-server: .*", f"# yaml-language-server: $schema={modeline}", text)
     if output is not None:
         write_with_backup(output, text.encode("utf-8"), keep)
     return text
+
+
+def _rewritten(text: str, old: Mapping[str, Any], new: dict[str, Any], comments: Mapping[str, str]) -> str:
+    """The text with new data, and with comments on the values that are new."""
+    fresh = {key: words for key, words in comments.items() if value_at(new, key) != value_at(old, key)}
+    changed = [key.split(".") for key in fresh if value_at(old, key) is not None]
+    return with_comments(without_guess_comments(write(text, new), changed), fresh)
+
+
+def value_at(document: Mapping[str, Any], key: str) -> object:
+    """The value at a dotted key, or None."""
+    value: Any = document
+    for part in key.split("."):
+        value = value.get(part) if isinstance(value, Mapping) else None
+    return value
 
 
 def stored_outlines(

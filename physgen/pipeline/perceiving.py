@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -196,9 +196,9 @@ def refresh(
 ) -> str:
     """A scene's photo perceived again -> the new scene's text; writes as `perceive` does. Raises InputError.
 
-    Values that `from` names are written anew where they are as perception wrote them; all others stay, comments do
-    not. Objects with a `prompt` are found again; new `boxes` and `points` replace what they cover, with a warning for
-    objects inside them.
+    Values that `from` names are written anew where they are as perception wrote them; all others stay, and so does
+    every other line. Objects with a `prompt` are found again; new `boxes` and `points` replace what they cover, with a
+    warning for objects inside them.
     """
     from physgen.compile.compile import compile_scene
     from physgen.maps import read_percepts
@@ -239,7 +239,8 @@ def refresh(
         fix = "leave the box or point out if it should stay"
         warn(Problem(Place(str(path)), f"objects.{name}", "", expected, fix, Severity.WARNING))
     values = written_values(scene.assets)
-    old = without_edited(raw_document(path, options.allow_outside), values)
+    own = raw_document(path, options.allow_outside)
+    old = without_edited(own, values)
     objects = fit_objects(photo.rgb, begun.found)[0]
     called = {i: name for i, name in begun.found.object_names.items() if name in old["objects"]}
     named, renamed = relabel_objects(objects, options.labels, called)
@@ -272,22 +273,16 @@ def refresh(
     header = "Perceived again: what from names was written anew, all else is as it was"
     perceived = replace(perceived, document=document, comments=comments, header=header)
     image = scene.image if photo.plain else None
-    written = [name for name, was in old["objects"].items() if "shape" in was]
-    return write_scene(perceived, image, scene.image.stem, output, options.assets, keep, written)
+    text = None if "extends" in own else path.read_bytes().decode("utf-8-sig")
+    return write_scene(perceived, image, scene.image.stem, output, options.assets, keep, text)
 
 
 def _comments(perceived: PerceivedScene, document: dict[str, Any]) -> dict[str, str]:
     """Comments of the new file: of values that are perception's, by their dotted keys."""
+    from physgen.perceive.document import value_at
+
     return {
         key: comment
         for key, comment in perceived.comments.items()
-        if _at(document, key) == _at(perceived.document, key)
+        if value_at(document, key) == value_at(perceived.document, key)
     }
-
-
-def _at(document: Mapping[str, Any], key: str) -> object:
-    """The value at a dotted key, or None."""
-    value: Any = document
-    for part in key.split("."):
-        value = value.get(part) if isinstance(value, Mapping) else None
-    return value

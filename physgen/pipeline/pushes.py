@@ -115,7 +115,7 @@ def _ranked(
             )
             beside = (np.minimum(high, high[k]) - np.maximum(low, low[k]))[:, 1] > 0.1 * (high - low)[:, 1]
             ahead = [n for n in np.flatnonzero(beside & (low[:, 0] > high[k, 0] - 2)) if n != k]
-            border = _to_border(bodies[k].center, way, scene.size)
+            border = max(np.array([[0, 0], scene.size]) @ frame[0]) - bodies[k].center @ frame[0]
             free = min([border, *(low[n, 0] - high[k, 0] for n in ahead)]) / (TRIAL.room * side)
             score = min(max(free, 0.0), 1.0) + TRIAL.ahead * (1 - 0.5 ** len(ahead))
             score += TRIAL.round * (bodies[k].radius is not None)
@@ -148,16 +148,6 @@ def _ways(scene: Scene, centers: Sequence[Array], k: int) -> list[tuple[float, f
         x, y = (float(part) for part in goal - centers[k])
         ways.append((x / hypot(x, y), y / hypot(x, y)) if hypot(x, y) > 1 else (1.0, 0.0))
     return ways
-
-
-def _to_border(center: Array, way: tuple[float, float], size: tuple[int, int]) -> float:
-    """px from a point to the photo's border along a direction."""
-    ends = [
-        ((side if part > 0 else 0) - place) / part
-        for place, part, side in zip(center, way, size, strict=True)
-        if part
-    ]
-    return float(min(ends))
 
 
 def _shown(scene: Scene, shapes: Shapes, item: Object, velocity: tuple[float, float]) -> float:

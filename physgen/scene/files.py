@@ -28,6 +28,10 @@ OUTLINES = "outlines.json"
 """Of the same folder: id in masks.png -> the CRC-32 of its pixels, and a shape as in scene files."""
 
 
+RECORD = "perceived.json"
+"""Of the same folder: which backend did each step of perceiving, and the values that it wrote."""
+
+
 class RefusedError(Exception):
     """A path that cannot be used; `expected` and `fix` as in a Problem."""
 

@@ -250,7 +250,10 @@ def scene_from_tree(root: Node, name: str, source: Source, ground: Ground) -> pa
         size=ground.size,
         assets=None if ground.assets is None else Path(os.path.realpath(ground.assets)),
         world=_make(parts.Settings, world, table_friction=float(world["table"]["friction"])),
-        objects=tuple(_outlined(item, ground) for item in _named(data["objects"], _object)),
+        objects=tuple(
+            _outlined(replace(item, provenance=_of_guesses(item, data["objects"], ground)), ground)
+            for item in _named(data["objects"], _object)
+        ),
         boundaries=_named(data["boundaries"], _boundary),
         forces=tuple(map(_force, data["forces"])),
         joints=_named(data["joints"], _joint),
@@ -362,6 +365,18 @@ def _object(name: str, item: Mapping[str, Any]) -> parts.Object:
         prompt=_prompt(item["prompt"]) if "prompt" in item else None,
         place=tuple(map(float, [*item["place"], 0][:3])) if "place" in item else None,
     )
+
+
+def _of_guesses(item: parts.Object, objects: Mapping[str, Any], ground: Ground) -> Mapping[str, str]:
+    """`from` of an object without numbers that differ from what perception wrote: these are the user's."""
+    wrote = ground.perceived.get(item.name)
+    if not isinstance(wrote, dict):
+        return item.provenance
+    own = objects[item.name]
+    kept = {
+        key: text for key, text in item.provenance.items() if own.get(key) == wrote.get(key, own.get(key))
+    }
+    return MappingProxyType(kept)
 
 
 def _outlined(item: parts.Object, ground: Ground) -> parts.Object:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
 from math import ceil, floor, sqrt
@@ -14,7 +16,7 @@ from physgen import registry
 from physgen.files import MOST_PIXELS, Stamp, file_stamp
 from physgen.problems import InputError
 from physgen.scene.document import Node, children, items, plain, whole
-from physgen.scene.files import MAPS, OUTLINES, RefusedError, confined, image_size, read_scene
+from physgen.scene.files import MAPS, OUTLINES, RECORD, RefusedError, confined, image_size, read_scene
 from physgen.scene.scene import video_size
 from physgen.scene.schema import advice, at
 from physgen.scene.validate import Findings, check_part
@@ -54,6 +56,8 @@ class Ground:
     assets: Path | None = None
     outlines: dict[int, tuple[int, Any]] = field(default_factory=dict)
     """Stored shapes by id in masks.png: the CRC of the mask, and the shape as plain data."""
+    perceived: dict[str, Any] = field(default_factory=dict)
+    """Object name -> what perception wrote of it, by key; empty where that is unknown."""
 
 
 class Files:
@@ -165,6 +169,11 @@ class _Rules:
             self.add(node.place, "assets", found, error.expected, error.fix)
             return
         self.ground.assets = folder
+        with suppress(
+            RefusedError, OSError, ValueError, KeyError, TypeError
+        ):  # it only says whose numbers are whose
+            record = confined(RECORD, folder, home, self.files.allow_outside)
+            self.ground.perceived = dict(json.loads(record.read_bytes())["values"])
         for file in (*(f"{name}.png" for name in MAPS), OUTLINES):
             if os.path.lexists(folder / file):
                 use = self.outlines if file == OUTLINES else self.map_file

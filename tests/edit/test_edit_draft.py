@@ -14,9 +14,8 @@ import pytest
 from served import Killable
 
 from physgen.edit.draft import BusyError, Draft, draft_folder
-from physgen.edit.errors import EditError
 from physgen.edit.session import EditRequest, History, Session, State
-from physgen.problems import InputError
+from physgen.problems import EditError, InputError
 
 TEXT = "physgen: 1\nsize: [64, 48]\nobjects: {}\n"
 

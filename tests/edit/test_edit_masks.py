@@ -16,12 +16,12 @@ import yaml
 
 from physgen.cli.main import main
 from physgen.edit.corrections import Corrected, correct
-from physgen.edit.errors import EditError
 from physgen.edit.live import Live, mask_png
 from physgen.edit.masks import stroke
 from physgen.edit.operations import edited
-from physgen.edit.yaml_edit import without_guess_comments
 from physgen.geometry.polygon import Disc, Outline, mass_properties
+from physgen.problems import EditError
+from physgen.scene.yaml_edit import without_guess_comments
 
 W, H = 240, 160
 Y, X = np.mgrid[:H, :W]

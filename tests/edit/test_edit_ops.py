@@ -11,13 +11,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from physgen.edit import yaml_edit
-from physgen.edit.errors import EditError
 from physgen.edit.operations import edited
-from physgen.edit.yaml_edit import marked, same
+from physgen.problems import EditError
+from physgen.scene import yaml_edit
 from physgen.scene.document import Node, Source, plain, read
 from physgen.scene.load import Opened
 from physgen.scene.overlay import Edit, apply, edits_of_variant, variants_of
+from physgen.scene.yaml_edit import marked, same
 from physgen.text import dotted
 
 ROOT = Path(__file__).parents[2]

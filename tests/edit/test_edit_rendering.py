@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from physgen.cli.main import main
-from physgen.edit.errors import EditError
 from physgen.edit.render_job import RenderJob
+from physgen.problems import EditError
 
 Copy = Callable[[str], Path]
 

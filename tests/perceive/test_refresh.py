@@ -248,3 +248,44 @@ def test_another_view_brings_what_holds_things_in_it_and_keeps_walls_set_by_hand
     top = names if other == "top" else first
     assert len(side - {"bottom", "ramp"}) > 0  # floors
     assert top == {"ramp"}
+
+
+BUNDLED = sorted((Path(__file__).parents[2] / "scenes").glob("*/scene.yaml"))
+HEAD = re.compile(r"# yaml-language-server|assets: |maps: ")
+"""Lines that name the new maps."""
+
+
+def with_comments_everywhere(text: str) -> str:
+    lines = []
+    for number, line in enumerate(text.splitlines()):
+        start = line.lstrip()
+        if start and not start.startswith(("[", "#")):
+            lines.append(" " * (len(line) - len(start)) + f"# mine: {number}")
+        lines.append(line)
+    return "\n".join(lines) + "\n"
+
+
+def test_a_refresh_keeps_the_user_s_lines_and_numbers(scene: Path) -> None:
+    text = re.sub(
+        r"(  ball-2:\n(?:.*\n)*?    mass: )\S+.*", r"\g<1>21 g  # weighed it", scene.read_text(), count=1
+    )
+    scene.write_text(with_comments_everywhere(text))
+    assert "mass" not in pipeline.load(scene).objects[1].provenance
+    assert "mass" in pipeline.load(scene).objects[0].provenance
+    refreshed(scene)
+    before, after = scene.read_text().splitlines(), scene.with_name("again.yaml").read_text().splitlines()
+    mine = [line for line in before if "# mine" in line or "# weighed" in line]
+    assert [line for line in after if line in mine] == mine
+    assert not list(scene.parent.glob("again.assets/*~"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("bundled", BUNDLED, ids=lambda path: path.parent.name)
+def test_a_refresh_changes_no_line_of_a_scene_written_by_hand(bundled: Path, tmp_path: Path) -> None:
+    scene = tmp_path / "scene.yaml"
+    shutil.copytree(bundled.parent, tmp_path, dirs_exist_ok=True)
+    scene.write_text(with_comments_everywhere(bundled.read_text()))
+    refreshed(scene)
+    after = scene.with_name("again.yaml").read_text().splitlines()
+    gone = [line for line in scene.read_text().splitlines() if line not in after and not HEAD.match(line)]
+    assert gone == []

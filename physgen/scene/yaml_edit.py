@@ -8,7 +8,7 @@ returned.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -16,8 +16,7 @@ from typing import Any
 
 import yaml
 
-from physgen.edit.errors import EditError, impossible
-from physgen.problems import InputError
+from physgen.problems import EditError, InputError, impossible
 from physgen.scene.document import Source, read, resolve
 from physgen.scene.schema import schema_at
 from physgen.scene.write import entry_lines, flow_text, key_text
@@ -408,6 +407,8 @@ def _rewritten(text: str, path: KeyPath, value: Any) -> list[Patch]:
 
 # Comments of perception
 
+LONGEST, NEAR = 116, 400
+"""Columns of a line with a comment behind its value; characters above it in which the comment may stand already."""
 GUESSES = {
     "mass": ("g: ",),
     "density": ("g: ",),
@@ -433,6 +434,25 @@ def without_guess_comments(text: str, paths: Sequence[Sequence[str | int]]) -> s
         for k, key in enumerate(path):
             if isinstance(key, str) and key in GUESSES and (k != 1 or path[0] == "world"):
                 text = _without_comment(text, path[: k + 1], GUESSES[key])
+    return text
+
+
+def with_comments(text: str, comments: Mapping[str, str]) -> str:
+    """The text with comments at dotted keys, behind short values and above others."""
+    for key, comment in comments.items():
+        try:
+            parent, at = parent_of(text, tuple(key.split(".")))
+        except EditError:
+            continue
+        begin, words = entry(text, parent, at), " ".join(comment.split())
+        first, stop = line_begin(text, begin), line_end(text, begin)
+        if parent.is_flow or not leads(text, begin) or f"# {words}" in text[max(0, first - NEAR) : stop]:
+            continue
+        short = stop - first + len(words) < LONGEST and "#" not in text[first:stop]
+        if short and parent.children[at].end <= stop:
+            text = patched(text, (stop, stop, f"  # {words}"))
+        else:
+            text = patched(text, (first, first, f"{text[first:begin]}# {words}{newline(text)}"))
     return text
 
 

@@ -1,0 +1,64 @@
+"""Edits of a file at once, and comments: everything that a user wrote stays, in all bundled scenes."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+import yaml
+
+from physgen import pipeline
+from physgen.cli.main import main
+from physgen.edit.operations import edited
+
+SCENES = sorted((Path(__file__).parents[2] / "scenes").glob("*/scene.yaml"))
+
+
+def commented(text: str) -> tuple[str, list[str]]:
+    """The text with a comment above every line that is no continuation, and behind some; and the lines put in."""
+    lines, mine = [], []
+    for number, line in enumerate(text.splitlines()):
+        start = line.lstrip()
+        if start and not start.startswith(("[", "#")):
+            mine.append(" " * (len(line) - len(start)) + f"# mine: {number}")
+            lines.append(mine[-1])
+        lines.append(f"{line}  # and {number}" if start.startswith("label:") and "#" not in line else line)
+    return "\n".join(lines) + "\n", mine
+
+
+@pytest.mark.parametrize("path", SCENES, ids=lambda path: path.parent.name)
+def test_edits_keep_every_comment(path: Path) -> None:
+    text, mine = commented(path.read_text())
+    first, second = list(yaml.safe_load(text)["objects"])[:2]
+    ops = [
+        {"rename": ["objects", first], "to": "the-first"},
+        {"set": ["objects", second, "layer"], "value": 3},
+        {"set": ["objects", "the-first", "mass"], "value": 12.5},
+    ]
+    after = edited(text, ops).text
+    assert [line for line in after.splitlines() if line in mine] == mine
+    before, now = text.splitlines(), after.splitlines()
+    changed = [line for line in now if line not in before]
+    assert len(changed) <= 3 + text.count(first)
+    removed = edited(after, [{"remove": ["objects", second]}]).text
+    gone = set(mine) - {line for line in removed.splitlines() if line in mine}
+    start = text.index(f"\n  {second}:")
+    assert all(text.index(line) > start - 200 for line in gone)
+    assert second not in yaml.safe_load(removed)["objects"]
+
+
+def test_commands_edit_the_file(tmp_path: Path, capsys) -> None:
+    scene = tmp_path / "dominoes" / "scene.yaml"
+    shutil.copytree(SCENES[5].parent, scene.parent)
+    first, second, third = list(yaml.safe_load(scene.read_text())["objects"])[:3]
+    assert main(["rename", str(scene), first, "start"]) == 0
+    assert main(["layer", str(scene), second, "2"]) == 0
+    assert main(["remove", str(scene), third]) == 0
+    assert main(["merge", str(scene), "start", second]) == 0
+    names = [item.name for item in pipeline.load(scene).objects]
+    assert "start" in names
+    assert not {first, second, third} & set(names)
+    capsys.readouterr()
+    assert main(["remove", str(scene), "strat"]) == 2
+    assert "did you mean start?" in capsys.readouterr().err
