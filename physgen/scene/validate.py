@@ -376,7 +376,8 @@ class _Fault:
         for key, child in value.items():
             if key in known:
                 continue
-            close = nearest(key, known)
+            alias = _ALIASES.get(key.replace("-", "_").lower()) if self.path[:1] == ("objects",) else None
+            close = alias or nearest(key, known)
             fix = f'did you mean "{close}"?' if close else f"write {listed(islice(known, 30))}"
             if not self.path and key in at("objects.*")["properties"]:
                 fix = f"it belongs to an object: objects.NAME.{key}"
@@ -386,6 +387,15 @@ class _Fault:
             findings.bad.update(self.chain)
 
 
+_ALIASES = {
+    **dict.fromkeys(("restitution", "bounciness", "bounce"), "elasticity"),
+    **dict.fromkeys(("angular_velocity", "angular_speed", "omega"), "spin"),
+    **dict.fromkeys(("fixed", "static", "pinned", "is_static"), "motion: static"),
+    **dict.fromkeys(("gravity_scale", "g"), "world.gravity"),
+    **dict.fromkeys(("position", "rotation"), "place"),
+    "weight": "mass", "speed": "velocity", "rolling_friction": "rolling", "name": "label",
+}  # fmt: skip
+"""Names of other engines -> ours."""
 _MESSAGES: dict[str, Callable[[_Fault, Findings], None]] = {
     "type": _Fault._type,
     "const": _Fault._choice,

@@ -104,3 +104,20 @@ def test_every_message_of_a_missing_key_has_an_example(tmp_path: Path) -> None:
     missing = [problem for problem in caught.value.problems if problem.expected == "missing"]
     assert len(missing) == 6
     assert all("e.g." in problem.fix for problem in missing)
+
+
+@pytest.mark.parametrize(
+    ("word", "ours"),
+    [
+        ("restitution", "elasticity"),
+        ("angular_velocity", "spin"),
+        ("weight", "mass"),
+        ("fixed", "motion: static"),
+    ],
+)
+def test_words_of_other_engines_lead_to_ours(tmp_path: Path, word: str, ours: str) -> None:
+    path = tmp_path / "scene.yaml"
+    ball = f"{{shape: {{circle: {{center: [4, 4], radius: 2}}}}, {word}: 1}}"
+    path.write_text(f"physgen: 1\nsize: [9, 9]\nobjects: {{a: {ball}}}\n")
+    with pytest.raises(InputError, match=f'unknown key; did you mean "{ours}"'):
+        load(path)
