@@ -269,20 +269,8 @@ def refresh(
         clean = None if maps.clean is None else perceived.percepts.clean
         depth = maps.depth if perceived.percepts.depth is None else perceived.percepts.depth
         perceived = replace(perceived, percepts=replace(perceived.percepts, clean=clean, depth=depth))
-    comments = _comments(perceived, document)
-    header = "Perceived again: what from names was written anew, all else is as it was"
-    perceived = replace(perceived, document=document, comments=comments, header=header)
-    image = scene.image if photo.plain else None
     text = None if "extends" in own else path.read_bytes().decode("utf-8-sig")
+    comments = {} if text is None else perceived.comments  # only those of values that are new are written
+    perceived = replace(perceived, document=document, comments=comments, header="Perceived again")
+    image = scene.image if photo.plain else None
     return write_scene(perceived, image, scene.image.stem, output, options.assets, keep, text)
-
-
-def _comments(perceived: PerceivedScene, document: dict[str, Any]) -> dict[str, str]:
-    """Comments of the new file: of values that are perception's, by their dotted keys."""
-    from physgen.perceive.document import value_at
-
-    return {
-        key: comment
-        for key, comment in perceived.comments.items()
-        if value_at(document, key) == value_at(perceived.document, key)
-    }
