@@ -30,7 +30,6 @@ from physgen.perceive.inpaint.poisson import seamless
 from physgen.perceive.perceive import Progress, no_progress
 from physgen.perceive.roles import (
     BoundaryGuess,
-    Inpaint,
     Intrinsics,
     LightGuess,
     PerceivedScene,
@@ -39,7 +38,7 @@ from physgen.perceive.roles import (
     Shadows,
     Wall,
 )
-from physgen.perceive.shadow.shadow_removal import clear_photo
+from physgen.perceive.shadow.shadow_removal import refill_background
 from physgen.photometry import decode as linear_light
 from physgen.photometry import fit_light
 from physgen.photos import read_image
@@ -133,31 +132,26 @@ def import_physgen(
     progress("outline", 1, 4)
     outlines = outlines_by_kind(labels, {i: body.circle for i, body in sim.bodies.items()})
     objects = [PhotoObject(i, outlines[i], body.label) for i, body in sim.bodies.items()]
-    progress("maps", 2, 4)
+    progress("inpaint", 2, 4)
     coverage = registry.make("matte")(rgb, labels)
+    background = _read_background(folder / "inpaint.png", rgb, coverage > 0)
+    progress("maps", 3, 4)
     normals, shading, depth = _read_maps(folder, rgb)
     albedo = None
     if shading is not None:
         albedo = np.clip(linear_light(rgb) / np.maximum(shading, 1e-3)[:, :, None], 0, 1).astype(np.float32)
     percepts = Percepts(
-        rgb=rgb,
-        labels=labels,
-        coverage=coverage,
-        depth=depth,
-        normals=normals,
-        albedo=albedo,
-        shading=shading,
-    )
-    progress("inpaint", 3, 4)
-    inpaint = _given_fill(folder / "inpaint.png", rgb)
-    shadows, background, clean = clear_photo(
-        rgb, coverage, lambda even: _find_shadows(even, percepts, objects, sim), inpaint
-    )
-    percepts = replace(percepts, background=background, clean=clean)
+        rgb=rgb, labels=labels, coverage=coverage, background=background, depth=depth, normals=normals,
+        albedo=albedo, shading=shading,
+    )  # fmt: skip
     document, comments = _document(sim, objects, image, assets), _comments(sim, folder)
     if (light := _fitted_light(normals, shading, labels)) is not None:
         document["light"], comments["light"] = light
-    if clean is not None:
+    shadows = _find_shadows(percepts, objects, sim)
+    if (clean := shadows.clean) is not None:
+        if not shadows.faint:
+            clean = refill_background(clean, background, coverage, registry.make("inpaint"))
+        percepts = replace(percepts, clean=clean)
         source = provenance("shadows", shadows.confidence)
         document["light"] = light_entry(shadows.light) | {"softness": shadows.softness, "from": source}
         comments["light"] = f"{shadows.reason} (confidence {shadows.confidence:g})"
@@ -245,8 +239,8 @@ def _comments(sim: Sim, folder: Path) -> dict[str, str]:
     return comments
 
 
-def _find_shadows(even: Rgb, percepts: Percepts, objects: list[PhotoObject], sim: Sim) -> Shadows:
-    """The photo's shadows, by a light near the one that explains the maps; `even` is the photo without objects."""
+def _find_shadows(percepts: Percepts, objects: list[PhotoObject], sim: Sim) -> Shadows:
+    """The photo's shadows, by a light near the one that explains the maps."""
     surface = sim.ground_friction, sim.ground_elasticity
     walls = tuple(Wall(f"wall-{k}", ends, *surface, 1.0, "", "") for k, ends in enumerate(sim.edges, 1))
     boundary = BoundaryGuess(View.SIDE if sim.gravity else View.TOP, 1.0, "", walls)
@@ -257,7 +251,7 @@ def _find_shadows(even: Rgb, percepts: Percepts, objects: list[PhotoObject], sim
     intrinsics: Intrinsics = registry.make("intrinsic")(rgb, labels, normals)
     guess: LightGuess = registry.make("light")(rgb, labels, objects, normals, intrinsics)
     found: Shadows = registry.make("shadow")(
-        even, percepts.coverage, labels, objects, matter, boundary, guess
+        percepts.background, percepts.coverage, labels, objects, matter, boundary, guess
     )
     return found
 
@@ -308,20 +302,12 @@ def _read_labels(path: Path, rgb: Rgb, sim: Sim) -> NDArray[np.uint16]:
     return np.where(np.isin(labels, list(sim.bodies)), labels, 0).astype(np.uint16)
 
 
-def _given_fill(path: Path, rgb: Rgb) -> Inpaint:
-    """A fill by the background that the folder gives; by ours where it gives none, or one with the old shadows."""
-    ours: Inpaint = registry.make("inpaint")
+def _read_background(path: Path, rgb: Rgb, hole: NDArray[np.bool_]) -> Rgb:
     if not path.is_file():
-        return ours
+        return np.asarray(registry.make("inpaint")(rgb, hole))
     other = read_image(path)
     _check_size(path, other.shape, rgb)
-
-    def fill(photo: Rgb, hole: NDArray[np.bool_]) -> Rgb:
-        freed = ~hole & (photo != rgb).any(axis=2)  # of shadows
-        off = [np.abs(other[freed].astype(np.int16) - picture[freed]).sum() for picture in (photo, rgb)]
-        return ours(photo, hole) if off[0] > off[1] else seamless(other, photo, hole)
-
-    return fill
+    return seamless(other, rgb, hole)
 
 
 def _read_maps(folder: Path, rgb: Rgb) -> tuple[F32 | None, F32 | None, F32 | None]:

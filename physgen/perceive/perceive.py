@@ -1,6 +1,6 @@
 """Photo to percepts and scene document: the stages of perception in order.
 
-    photo -> segment -> label -> physics -> boundary -> normals -> intrinsic -> light -> matte -> shadow -> inpaint
+    photo -> segment -> label -> physics -> boundary -> normals -> intrinsic -> light -> matte -> inpaint -> shadow
 
 Each stage is a role that a backend fills (`physgen.perceive.roles`, `physgen.registry`). `write_scene` in
 `physgen.perceive.document` writes the result: a scene file and its assets.
@@ -48,7 +48,7 @@ from physgen.perceive.scale import (
     scale_entry,
 )
 from physgen.perceive.segment.prompts import Segmenter
-from physgen.perceive.shadow.shadow_removal import clear_photo
+from physgen.perceive.shadow.shadow_removal import refill_background
 from physgen.perceive.support.viewpoint import judge_suitability
 from physgen.photometry import decode, encode_u8
 from physgen.problems import InputError
@@ -67,7 +67,7 @@ SMALLEST_SIDE = 32  # px; the coarsest scale of the shadow search halves four ti
 LONGEST_SIDE = 1600  # px, by default: more than most screens show of a clip, and perception takes seconds
 ROLES = (
     "categories", "segment", "label", "physics", "depth", "boundary", "normals", "intrinsic", "light", "matte",
-    "shadow", "inpaint",
+    "inpaint", "shadow",
 )  # fmt: skip
 """In the order in which they run."""
 KEPT = ("inpaint", "normals", "label")
@@ -122,12 +122,13 @@ def perceive(
     intrinsics: Intrinsics = run.role("intrinsic", rgb, found.labels, normals)
     light: LightGuess = run.role("light", rgb, found.labels, objects, normals, intrinsics)
     coverage = run.role("matte", rgb, found.labels)
-    shadows, background, clean = clear_photo(
-        rgb,
-        coverage,
-        lambda even: run.role("shadow", even, coverage, found.labels, objects, matter, boundaries, light),
-        partial(run.role, "inpaint"),
+    background = run.role("inpaint", rgb, coverage > 0)
+    shadows: Shadows = run.role(
+        "shadow", background, coverage, found.labels, objects, matter, boundaries, light
     )
+    clean = shadows.clean
+    if clean is not None and not shadows.faint:
+        clean = refill_background(clean, background, coverage, partial(run.crew.call, "inpaint"))
     run.crew.release("inpaint")
     labels, doubtful = document.with_doubtful(found.labels, found.doubtful)
     percepts = Percepts(

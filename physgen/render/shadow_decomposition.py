@@ -199,7 +199,7 @@ def shifted_picture(
     picture: F32, corner: tuple[int, int], shift: tuple[float, float], size: tuple[int, int]
 ) -> tuple[PixelBox | None, F32]:
     """A picture moved by a fraction of pixels, cut to the photo."""
-    h, w = picture.shape[:2]
+    h, w = picture.shape
     x, y = corner[0] + shift[0], corner[1] + shift[1]
     x0, y0 = int(np.floor(x)), int(np.floor(y))
     left, top = max(x0, 0), max(y0, 0)
@@ -219,12 +219,10 @@ def decompose_shadows(
     rounds: Sequence[bool],
     setting: ShadowSetting,
     gone: Sequence[Silhouette] = (),
-    changed: NDArray[np.bool_] | None = None,
 ) -> tuple[LitBackground, F32 | None]:
     """`background` (H, W, 3) sRGB with the objects' shadows, `clean` without; None: they were not removed.
 
-    `gone` are objects of the photo that the scene leaves out: their shadows leave with them. `changed` (H, W): where
-    the background is not the photo's, which tells nothing of shadows close to objects either. The second result is
+    `gone` are objects of the photo that the scene leaves out: their shadows leave with them. The second result is
     (H, W) -log of the light that those left; None where there are none.
     """
     lit = decode(background)
@@ -251,8 +249,6 @@ def decompose_shadows(
         (coverage >= 0.5).astype(np.uint8), np.ones((2 * SHADOW.gap + 1, 2 * SHADOW.gap + 1), np.uint8)
     )
     open_ = (unknown == 0) | (reach == 0)
-    if changed is not None:
-        open_ &= ~changed
     weight = open_.astype(np.float32)
     everybody = [*starts, *gone]
     steps += [shadow_grid_step(ghost) for ghost in gone]

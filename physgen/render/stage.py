@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from math import ceil, cos, exp, floor, hypot, inf, isfinite, sin
+from math import ceil, cos, floor, inf, isfinite, sin
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from physgen.geometry.polygon import Pose, rotation
-from physgen.render.shadow_decomposition import SHADOW, LitBackground, shifted_picture
+from physgen.render.shadow_decomposition import LitBackground
 from physgen.render.sprites import Sprite
 from physgen.simulate.trajectory import Trajectory
 from physgen.simulate.trajectory import rotation_matrices as in_space
@@ -21,8 +21,6 @@ F32 = NDArray[np.float32]
 Array = NDArray[np.float64]
 Slices = tuple[slice, slice]
 
-FAINT = 0.02
-"""Share of a halo that nobody sees."""
 FADE = 3.0
 """px of motion over which the photo's own border pixels give way to the object's clean ones."""
 SPREAD = 1.5
@@ -158,26 +156,6 @@ def draw_border(sprite: Sprite, where: Placement) -> tuple[Slices, F32] | None:
     size = (columns.stop - columns.start, rows.stop - rows.start)
     border = cv2.warpAffine(sprite.rest, matrix, size, flags=WARP_FLAGS, borderMode=cv2.BORDER_CONSTANT)
     return box, np.asarray(np.float32(where.rest) * border, np.float32)
-
-
-def draw_halo(sprite: Sprite, stand: SpritePose, size: tuple[int, int]) -> tuple[Slices, F32] | None:
-    """A box of a canvas of `size` (W, H) and (h, w, 3) what still shows of `Sprite.halo` there; None: nothing.
-
-    It moves with the object, and gives way to its shadow of today.
-    """
-    if sprite.halo is None or stand.where is None:
-        return None
-    corner, picture = sprite.halo
-    dx, dy = stand.pose.x - stand.start.x, stand.pose.y - stand.start.y
-    side = max(min(sprite.coverage.shape), 1)
-    moved = hypot(dx, dy) / side + abs(stand.pose.angle - stand.start.angle) / 2
-    left = exp(-((moved / SHADOW.comes) ** 2))
-    if left < FAINT:
-        return None
-    if moved:
-        picture = picture * np.float32(left)
-    box, carried = shifted_picture(picture, corner, (dx, dy), size)
-    return None if box is None else (np.s_[box[1] : box[3], box[0] : box[2]], carried)
 
 
 def sprite_coverage(sprite: Sprite, where: Placement) -> F32:

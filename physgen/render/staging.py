@@ -178,9 +178,7 @@ def _white(sprite: Sprite) -> Sprite:
             trust=1.0,
             fade=None,
         )
-    return replace(
-        sprite, light=three_channels(sprite.coverage), rest=None, halo=None, ball=ball, relief=None
-    )
+    return replace(sprite, light=three_channels(sprite.coverage), rest=None, ball=ball, relief=None)
 
 
 def matte_coverage(frame: Frame) -> F32:
@@ -250,8 +248,7 @@ def lit_stage(
         return Stage(background, anchored(sprites, decode(maps.rgb), decode(background), absent))
     rounds = [world.bodies[s.body].radius is not None and not loose for s, loose in parts]
     gone = _ghosts(maps.labels, absent, coverage, grounds, top)
-    changed = (maps.rgb != background).any(axis=2) & (coverage == 0)
-    lit, left = decompose_shadows(background, maps.clean, coverage, starts, rounds, setting, gone, changed)
+    lit, left = decompose_shadows(background, maps.clean, coverage, starts, rounds, setting, gone)
     photo = decode(maps.rgb)
     if left is not None:  # the photo as it would be without what is left out
         photo = photo * np.exp(np.where(coverage < 0.5, left, 0))[..., None].astype(np.float32)

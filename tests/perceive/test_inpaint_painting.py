@@ -1,11 +1,12 @@
-"""Somebody paints, and the photo stays: windows, and colours that meet."""
+"""Somebody paints, and the photo stays: windows, the reach of the hole, and colours that meet."""
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
-from physgen.perceive.inpaint.painting import inpaint_windows, model_size, windows
+from physgen.perceive.inpaint.painting import inpaint_windows, model_size, widened, windows
 
 H, W = 256, 512
 Y, X = np.mgrid[:H, :W]
@@ -47,6 +48,31 @@ def test_a_painters_shift_of_colour_is_taken_away():
 
     filled = inpaint_windows(photo, hole, tinted, max(H, W))
     assert np.abs(filled.astype(int) - ramp())[hole].max() <= 2
+
+
+def test_a_contact_shadow_beside_the_hole_is_painted_over_not_continued():
+    hole = disc(250, 120, 30)
+    shade = 1 - 0.6 * np.clip(1 - (np.hypot(X - 250, Y - 120) - 30) / 10, 0, 1)
+    photo = (ramp() * shade[..., None]).astype(np.uint8)
+    seen = {}
+
+    def even(part, wanted):  # continues what it sees around what is to be painted
+        seen["around"] = part[cv2.dilate(wanted.astype(np.uint8), np.ones((3, 3))).astype(bool) & ~wanted]
+        return np.where(wanted[..., None], ramp(), part)
+
+    filled = inpaint_windows(photo, hole, even, max(H, W))
+    assert seen["around"].min() > 60  # no dark rim for the painter to continue
+    deep = disc(250, 120, 15)
+    assert np.abs(filled.astype(int) - ramp())[deep].max() <= 3
+    assert np.array_equal(filled[~hole], photo[~hole])  # the shadow that is seen stays: another role lifts it
+
+
+def test_the_reach_is_the_papers_and_grows_with_the_photo():
+    for scale in (1, 3):
+        point = np.zeros((512 * scale, 512 * scale), bool)
+        point[256 * scale, 256 * scale] = True
+        wide = widened(point)
+        assert wide.any(1).sum() == pytest.approx(40 * scale, abs=2)
 
 
 def test_windows_hold_the_holes_with_surroundings_and_do_not_overlap():

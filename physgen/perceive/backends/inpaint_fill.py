@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from physgen.perceive.inpaint.patch_match import patch_match_fill
-from physgen.perceive.inpaint.poisson import close_gaps, dilate, harmonic_fill, hole_pieces
+from physgen.perceive.inpaint.poisson import blend_at_border, close_gaps, dilate, harmonic_fill, hole_pieces
 from physgen.perceive.roles import F32, Inpaint, Mask, Rgb
 
 
@@ -22,7 +22,8 @@ from physgen.perceive.roles import F32, Inpaint, Mask, Rgb
 class _Limits:
     """Pixels beside the hole, and smooth surroundings."""
 
-    band: int = 3  # px beside the hole that are filled too, so that their difference from the photo is known
+    mixed: int = 2  # px beside the hole that are mixed with the object's edge
+    band: int = 3  # px beyond them that are filled too, so that their difference from the photo is known
     limit: float = 24.0  # levels of that difference, at most: more is no difference of light
     around: int = 12  # px around a piece of the hole in which smoothness is judged
     # levels: RMS distance from a quadratic surface up to which the surroundings are smooth
@@ -43,13 +44,13 @@ def _fill(rgb: Rgb, hole: Mask) -> Rgb:
         return rgb.copy()
     photo = rgb.astype(np.float32)
     whole = close_gaps(hole)
-    near, far = whole, dilate(whole, LIMITS.band)
+    near, far = dilate(whole, LIMITS.mixed), dilate(whole, LIMITS.mixed + LIMITS.band)
     if far.all():  # hardly anything is left to learn from
         near = far = hole
     borrowed = _smooth_pieces(photo, patch_match_fill(photo, far), far)
     gap = np.where(near[:, :, None], np.float32(0), np.clip(photo - borrowed, -LIMITS.limit, LIMITS.limit))
     filled = np.where(near[:, :, None], borrowed + harmonic_fill(gap, near, 0.4), photo)
-    return np.where(hole[:, :, None], np.clip(filled + 0.5, 0, 255).astype(np.uint8), rgb)
+    return blend_at_border(filled, rgb, hole)
 
 
 def _smooth_pieces(photo: F32, borrowed: F32, hole: Mask) -> F32:

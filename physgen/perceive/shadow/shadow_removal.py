@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.geometry.shadows import PixelBox
-from physgen.perceive.inpaint.poisson import fill_behind, halo, harmonic_fill
-from physgen.perceive.roles import F32, Inpaint, Labels, Mask, Rgb, Shadows
+from physgen.perceive.roles import F32, Inpaint, Labels, Mask, Rgb
 from physgen.perceive.shadow.silhouettes import DARKEST, away_from_objects
 from physgen.photometry import decode, encode_u8, luminance
 
@@ -54,7 +53,20 @@ class _Tuning:
     tint: tuple[float, float] = (0.6, 1.35)  # of one channel's darkening over the average
 
 
-TUNING = _Tuning()
+@dataclass(frozen=True)
+class _Refill:
+    """What is filled again behind objects once shadows are removed."""
+
+    ring: int = 3  # px around objects where removal is unreliable
+    gap: int = 6  # px: half the width of gaps between objects that are too dark to show anything
+    near: int = 8  # px from an object within which shadows have entered the first fill
+    deep: float = 0.45  # share of its light below which, near an object, nothing is seen in a shadow
+    # of the photo's longer side: how far into a hole from a removed shadow it is filled again
+    fade: float = 0.03
+    visible: int = 3  # grey levels: a smaller change is no shadow
+
+
+TUNING, REFILL = _Tuning(), _Refill()
 
 
 def hue_weights(linear: F32, plain: F32 | Mask, most: int) -> list[F32]:
@@ -252,24 +264,31 @@ def _tint(linear: F32, clean: F32, gone: F32, free: F32) -> F32:
     return np.asarray(np.clip(share, *TUNING.tint), np.float32)
 
 
-def clear_photo(
-    rgb: Rgb, coverage: F32, find: Callable[[Rgb], Shadows], inpaint: Inpaint
-) -> tuple[Shadows, Rgb, Rgb | None]:
-    """The shadows in a photo, and the photo without objects: with their old shadows, and without them if found.
+def refill_background(removed: Rgb, background: Rgb, coverage: F32, inpaint: Inpaint) -> Rgb:
+    """The background with what lies behind and between objects filled again, from surroundings without shadows.
 
-    `find` gets the photo with even surfaces where objects are. One fill serves both: what is behind objects is filled
-    from surroundings without shadows, and shaded again as the surroundings were.
+    Only close to where a shadow was removed: the first fill was as good elsewhere, from a smaller hole. So the rest
+    stays, and the new fill meets it.
     """
-    hole = coverage > 0
-    rim = halo(rgb, hole, rim=True)
-    even = np.clip(harmonic_fill(rgb.astype(np.float32), rim, 0.4) + 0.5, 0, 255).astype(np.uint8)
-    shadows = find(even)
-    if shadows.clean is None:
-        return shadows, fill_behind(rgb, hole, inpaint), None
-    clean = fill_behind(shadows.clean, hole, inpaint)
-    left = (decode(even) + DARKEST) / (decode(shadows.clean) + DARKEST)
-    shaded = encode_u8(decode(clean) * np.minimum(left, 1))
-    return shadows, np.where(rim[:, :, None], shaded, rgb), clean
+
+    def widened(mask: NDArray[np.uint8], by: int) -> NDArray[np.uint8]:
+        return np.asarray(cv2.dilate(mask, np.ones((2 * by + 1, 2 * by + 1), np.uint8)), np.uint8)
+
+    covered = (coverage > 0).astype(np.uint8)
+    changed = np.abs(removed.astype(np.int16) - background).max(axis=2) > REFILL.visible
+    near = widened((changed & (covered == 0)).astype(np.uint8), REFILL.near)
+    gap = np.ones((2 * REFILL.gap + 1, 2 * REFILL.gap + 1), np.uint8)
+    grown = np.asarray(cv2.morphologyEx(widened(covered, REFILL.ring), cv2.MORPH_CLOSE, gap), np.uint8)
+    left = (luminance(decode(background)) + 1e-3) / (luminance(decode(removed)) + 1e-3)
+    deep = ((left < REFILL.deep) & (widened(covered, REFILL.near) > 0)).astype(np.uint8)
+    hole = covered | (grown & near) | widened(deep, 1)
+    away = cv2.distanceTransform(1 - (near & hole), cv2.DIST_L2, 3)
+    new = np.clip(2 - away / (REFILL.fade * max(hole.shape)), 0, 1) * (hole > 0)
+    old = np.where(hole[..., None] > 0, background, removed)
+    if not new.any():
+        return old
+    filled = inpaint(old, new > 0)
+    return np.asarray(np.rint(new[..., None] * filled + (1 - new[..., None]) * old), np.uint8)
 
 
 # assignment
