@@ -52,6 +52,8 @@ class StagingTuning:
     """Of its radius: how high a disc reaches above a table, where the scene does not say."""
     deep: float = 0.9
     """Of the root of its area: how far anything else reaches through the plane of motion."""
+    ghosts: int = 200
+    """Objects that a scene leaves out and whose shadows leave with them, about: the largest."""
     stray: float = 0.03
     """Share of a ball's pixels that may lie outside its circle."""
     thread: float = 2.0
@@ -264,7 +266,10 @@ def _ghosts(
     every = np.nonzero(absent)
     order = np.argsort(labels[absent], kind="stable")
     ids, counts = np.unique(labels[absent], return_counts=True)
+    least = np.sort(counts)[-STAGING.ghosts :].min(initial=0)
     for id_, pixels in zip(ids.tolist(), np.split(order, np.cumsum(counts)[:-1]), strict=False):
+        if len(pixels) < least:
+            continue
         rows, columns = every[0][pixels], every[1][pixels]
         y0, y1, x0, x1 = rows.min(), rows.max() + 1, columns.min(), columns.max() + 1
         own = np.where(labels[y0:y1, x0:x1] == id_, coverage[y0:y1, x0:x1], 0).astype(np.float32)
