@@ -57,7 +57,8 @@ class Percepts:
         """(H, W): the labels without regions that `coverage` leaves out: what is doubtful stays in `background`."""
         if self.coverage is None:
             return self.labels
-        covered = np.bincount(self.labels.ravel(), self.coverage.ravel() > 0) > 0
+        areas = np.bincount(self.labels.ravel())
+        covered = 2 * np.bincount(self.labels.ravel(), self.coverage.ravel() > 0) > areas
         return np.where(covered[self.labels], self.labels, np.uint16(0))
 
 

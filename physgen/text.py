@@ -38,8 +38,10 @@ ALLOWED = {
 }  # fmt: skip
 """Unit of a key -> units that a text may have there."""
 _QUANTITY = re.compile(
-    r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\d\s.+-].{0,30})", re.DOTALL
+    r"([-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\d\s.+-].{0,30})", re.DOTALL
 ).fullmatch
+LONGEST_QUANTITY = 80
+"""Characters of a number with its unit."""
 _FACTOR = re.compile(r"([/·*]?)\s*([A-Za-z°]+|1)(?:\^?(-?\d)|([²³]))?\s*").match
 
 
@@ -66,14 +68,18 @@ def quantity(text: str, unit: str, pixels_per_meter: float) -> float | None:
     >>> quantity("90 deg/s", "degrees/s", 1), quantity("7 px/cm", "px/m", 1), quantity("3 kg", "px", 1)
     (90.0, 700.0, None)
     """
-    match = _QUANTITY(text.strip())
+    match = _QUANTITY(text.strip()) if len(text) <= LONGEST_QUANTITY else None
     own, wanted = (_measure(match[2].strip()) if match else None), _measure(unit)
     if match is None or own is None or wanted is None:
         return None
     off = [a - b for a, b in zip(own[1], wanted[1], strict=True)]
-    if off[0] + off[1] or any(off[2:]):
+    if off[0] + off[1] or any(off[2:]) or (unit == "px/m" and any(off)):  # 0.3 mm/px is no 0.0003 px/m
         return None
-    return float(match[1]) * own[0] / wanted[0] * pixels_per_meter ** off[1]
+    try:
+        number = float(match[1]) * own[0] / wanted[0] * pixels_per_meter ** off[1]
+    except OverflowError:
+        return None
+    return number if math.isfinite(number) else None
 
 
 KeyPath = tuple[str | int, ...]

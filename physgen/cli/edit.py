@@ -77,17 +77,20 @@ def edit_file(options: argparse.Namespace) -> int:
     from physgen.edit.live import Live
     from physgen.edit.operations import edited
     from physgen.files import write_atomic
+    from physgen.perceive.document import rename_recorded
     from physgen.problems import EditError
     from physgen.scene.load import Opened
 
     path: Path = options.scene
-    known = [item.name for item in Opened(path, options.allow_outside).scene().objects]
+    scene = Opened(path, options.allow_outside).scene()
+    known = [item.name for item in scene.objects]
     for name in options.objects:
         if name not in known:
             close = nearest(name, known)
             fix = f"did you mean {close}?" if close else f"the objects are {listed(known[:20], 'and')}"
             raise InputError.of(str(path), f'"{name}"', "names no object", fix)
-    text, first = path.read_bytes().decode("utf-8"), options.objects[0]
+    options.objects = list(dict.fromkeys(options.objects))
+    text, first = path.read_bytes().decode("utf-8-sig"), options.objects[0]
     at = ["objects", first]
     ops: dict[str, list[dict[str, Any]]] = {
         "rename": [{"rename": at, "to": getattr(options, "to", "")}],
@@ -103,7 +106,9 @@ def edit_file(options: argparse.Namespace) -> int:
     except EditError as error:
         raise InputError.of(str(path), "", error.message, error.fix) from None
     Opened(path, options.allow_outside, text).scene()
-    write_atomic(path, text.encode("utf-8"))
+    write_atomic(path.resolve(), text.encode("utf-8"))
+    if options.command == "rename" and scene.assets is not None:
+        rename_recorded(scene.assets, first, options.to)
     print_line(str(path))
     return OK
 

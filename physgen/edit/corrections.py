@@ -27,6 +27,7 @@ from physgen.edit.object_entries import (
     Mask,
     begin,
     changed_entry,
+    grams,
     joined_mass,
     photo_object,
     written,
@@ -219,7 +220,7 @@ def _entry(work: Correction, name: str, one: PhotoObject, labels: U16) -> Data:
             made["mass"] = float(f"{joined_mass(work, source, work.gone):.4g}")
         elif work.fresh:
             share = count(labels == one.id) / max(count(work.mask(source)), 1)
-            made["mass"] = float(f"{made['mass'] * share:.4g}")
+            made["mass"] = float(f"{grams(made['mass']) * share:.4g}")
     return made
 
 

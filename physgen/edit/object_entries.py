@@ -19,6 +19,7 @@ from physgen.perceive.roles import BoundaryGuess, Detections, Name, PhotoObject
 from physgen.perceive.scale import is_assumed
 from physgen.problems import InputError, impossible
 from physgen.scene.scene import Scene
+from physgen.text import quantity
 
 Data = dict[str, Any]
 U16 = NDArray[np.uint16]
@@ -169,8 +170,15 @@ def joined_mass(work: Correction, kept: str, other: str) -> float:
     """g: the sum of two masses, of which the first is set."""
     more = work.was(other)
     area = max(float(mass_properties(work.photo_object(other).outline).area), 1e-9)
-    total: float = work.was(kept)["mass"] + more.get("mass", float(more.get("density", 1.0)) * area)
-    return total
+    density = more.get("density", 1.0)
+    scale = work.scene.world.pixels_per_meter
+    each = density if not isinstance(density, str) else quantity(density, "g/px²", scale) or 0.0
+    return grams(work.was(kept)["mass"]) + (grams(more["mass"]) if "mass" in more else each * area)
+
+
+def grams(mass: float | str) -> float:
+    """A mass as it is written, in g."""
+    return (quantity(mass, "g", 1.0) or 0.0) if isinstance(mass, str) else mass
 
 
 def written(work: Correction, name: str, made: Data) -> list[Data]:

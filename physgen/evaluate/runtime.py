@@ -101,7 +101,8 @@ def read_runs(roots: Sequence[Path], warn: Warn = ignore_warning) -> list[Run]:
 def _run(name: str, folder: Path, record: Mapping[str, Any]) -> Run | None:
     """None where the clip has no times."""
     try:
-        times = json.loads((folder / TIMING).read_bytes())["stages"]
+        apart = folder / TIMING
+        times = (json.loads(apart.read_bytes()) if apart.is_file() else record)["stages"]
         stages = {key: (float(one["wall"]), float(one["cpu"])) for key, one in times.items()}
     except (OSError, KeyError, TypeError, ValueError, AttributeError):
         return None

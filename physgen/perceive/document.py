@@ -456,8 +456,9 @@ def write_scene(
         raise InputError.of("--assets", f'"{assets}"', expected, f"name a folder {where}")
     if output is not None:
         folder.mkdir(parents=True, exist_ok=True)
+    ours = {*(f"{name}.png" for name in MAPS), OUTLINES, SCHEMA}
     for file, crc in _recorded(assets, "files").items():
-        if (assets / file).is_file() and crc32((assets / file).read_bytes()) == crc:
+        if file in ours and (assets / file).is_file() and crc32((assets / file).read_bytes()) == crc:
             (assets / file).unlink()  # as it was written: nobody painted in it
     ranges = write_assets(perceived.percepts, assets, keep)
     if photo is None:
@@ -483,10 +484,8 @@ def write_scene(
     record["world"] = {"pixels_per_meter": perceived.document["world"].get("pixels_per_meter")}
     if (suits := perceived.suitability) is not None:
         record["suitability"] = {"verdict": suits.verdict, "reasons": list(suits.reasons)}
-    made = sorted(
-        file for file in assets.iterdir() if file.suffix in (".png", ".json") and file.name != RECORD
-    )
-    record["files"] = {file.name: crc32(file.read_bytes()) for file in made if file != photo}
+    made = sorted(file for file in assets.iterdir() if file.name in ours)
+    record["files"] = {file.name: crc32(file.read_bytes()) for file in made}
     write_atomic(assets / RECORD, json.dumps(record, ensure_ascii=False).encode() + b"\n")
     modeline = _relative(schema, folder)
     if before is None:
@@ -561,8 +560,18 @@ def _recorded(assets: Path | None, key: str) -> dict[str, Any]:
     """One entry of the record; empty where there is none."""
     try:
         return dict(json.loads((assets or Path()).joinpath(RECORD).read_bytes())[key])
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return {}
+
+
+def rename_recorded(assets: Path, old: str, new: str) -> None:
+    """What perception wrote of an object goes by its new name, so that a refresh still knows the user's numbers."""
+    try:
+        record = json.loads((assets / RECORD).read_bytes())
+        record["values"][new] = record["values"].pop(old)
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return
+    write_atomic(assets / RECORD, json.dumps(record, ensure_ascii=False).encode() + b"\n")
 
 
 def _free_of_maps(name: str) -> str:

@@ -18,6 +18,7 @@ from physgen.perceive.roles import Detections, Labels, Name, Rgb
 from physgen.perceive.scale import PAPER_SCALE, is_assumed
 from physgen.perceive.segment.prompts import Box, Point, Segmenter, from_prompts
 from physgen.scene.scene import BoxPrompt, MaskId, Object
+from physgen.text import quantity
 
 OVERLAP = (0.5, 0.3)
 """Share of the smaller mask, and of the old one, from which a new prompt means an existing object."""
@@ -131,7 +132,10 @@ def follows_scale(scene: Entry, values: Mapping[str, Entry], scale: float | None
         for key in moving
     ):
         return False
-    stated = float(scene.get("world", {}).get("pixels_per_meter", PAPER_SCALE))
+    stated = scene.get("world", {}).get("pixels_per_meter", PAPER_SCALE)
+    stated = quantity(stated, "px/m", 1.0) if isinstance(stated, str) else float(stated)
+    if stated is None:
+        return False
     return is_assumed(stated, side) if scale is None else _same(stated, scale)
 
 
@@ -237,9 +241,13 @@ def kept_doubtful(scene: Entry, before: Labels, labels: Labels) -> tuple[Labels,
     """The new label map with the regions that are doubtful still, from the map `before`, and their entries."""
     result, entries = labels.copy(), {}
     for name, entry in scene.get("doubtful", {}).items():
+        if not isinstance(entry["mask"], int):  # drawn by the user
+            entries[name] = entry
+            continue
         region = (before == entry["mask"]) & (result == 0)
-        if region.any() and not (result == entry["mask"]).any():
-            result[region], entries[name] = entry["mask"], entry
+        if region.any():
+            id_ = int(result.max()) + 1 if (result == entry["mask"]).any() else entry["mask"]
+            result[region], entries[name] = id_, {**entry, "mask": id_}
     return result, entries
 
 

@@ -60,6 +60,8 @@ TRIAL = _Trial()
 WORDS = {"right": (1, 0), "left": (-1, 0), "up": (0, -1), "down": (0, 1)}
 """Directions in image axes; two of them are joined by a hyphen: up-right."""
 _SPEED = re.compile(r"([-+.\deE]+)\s*(m/s|cm/s|px/s)?").fullmatch
+LARGEST = 1e9
+"""Of the numbers of a shorthand."""
 METERS = {"m/s": 1.0, "cm/s": 0.01}
 
 
@@ -230,11 +232,19 @@ def _direction_and_speed(scene: Scene, flag: str, text: str) -> tuple[str, float
         return way, push_speed(max(scene.size), scene.world.pixels_per_meter)
     match = _SPEED(rest)
     try:
-        speed = float(match[1] if match else "")
+        speed = finite(match[1] if match else "")
     except ValueError:
         raise InputError.of(flag, f'"{rest}"', "is no speed", "write e.g. @2 m/s or @300 px/s") from None
     unit = match[2] if match else None
     return way, speed * METERS[unit] * scene.world.pixels_per_meter if unit in METERS else speed
+
+
+def finite(text: str) -> float:
+    """A number of a moderate size. Raises ValueError."""
+    number = float(text)
+    if not abs(number) <= LARGEST:
+        raise ValueError
+    return number
 
 
 def _direction(flag: str, text: str) -> tuple[float, float]:
@@ -245,7 +255,7 @@ def _direction(flag: str, text: str) -> tuple[float, float]:
         if x or y:
             return x / hypot(x, y), y / hypot(x, y)
     try:
-        angle = radians(float(text))
+        angle = radians(finite(text))
     except ValueError:
         fix = "write right, left, up, down, up-right ... or degrees, 0 to the right and 90 down"
         raise InputError.of(flag, f'"{text}"', "is no direction", fix) from None
@@ -271,7 +281,7 @@ def _kick(scene: Scene, compiled: Compiled, text: str) -> tuple[Object, dict[str
     """The object at a point, or the nearest, and an impulse there: away from the point, level seen from the side."""
     where, speed = _direction_and_speed(scene, "--kick", text)
     try:
-        x, y = (float(part) for part in where.split(","))
+        x, y = (finite(part) for part in where.split(","))
     except ValueError:
         raise InputError.of("--kick", f'"{where}"', "is not two numbers", "write e.g. 120,80") from None
     if not scene.objects:

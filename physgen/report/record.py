@@ -29,9 +29,9 @@ from physgen.scene.scene import Scene
 
 LIBRARIES = ("numpy", "pymunk", "opencv-python-headless", "av", "pillow")
 REFINING = ("torch", "diffusers")
+"""Libraries of models, which tell their versions where they ran."""
 TIMING = "timing.json"
 """Times and memory of a run: the one file that differs between equal runs."""
-"""Libraries of models, which tell their versions where they ran."""
 
 
 @dataclass

@@ -23,6 +23,10 @@ from physgen.text import KeyPath, dotted, listed, natural, nearest, quantity, qu
 
 T = TypeVar("T")
 
+ONE_FOR_TWO = ("gravity", "velocity", "force", "impulse", "wind")
+"""Vectors for which one number with its unit may stand."""
+LARGEST_SCALE = 1e6
+"""px/m, as the schema allows."""
 EARTH = 9.8
 """m/s², the gravity of the paper's code; times pixels_per_meter where a scene names none."""
 MAX_CHECKS = 3_000_000
@@ -145,7 +149,7 @@ def in_numbers(root: Node) -> Node:
     scale = float(at("world.pixels_per_meter")["default"])
     if stated is not None:
         value = quantity(str(stated.value), "px/m", 1.0) if isinstance(stated.value, str) else stated.value
-        scale = value if isinstance(value, int | float) and value > 0 else scale
+        scale = value if isinstance(value, int | float) and 0 < value <= LARGEST_SCALE else scale
 
     def changed(node: Node, part: Schema, path: KeyPath, unit: str) -> Node:
         value = node.value
@@ -155,6 +159,8 @@ def in_numbers(root: Node) -> Node:
                 return node
             if part["type"] == "number":
                 return node.with_value(number)
+            if path[-1] not in ONE_FOR_TWO:
+                return node
             ends = (0.0, number) if path[-1] == "gravity" else (number, 0.0)
             return node.with_value([node.with_value(end) for end in ends])
         keys = (
@@ -335,7 +341,9 @@ def _shape(value: Any) -> parts.Shape:
         return _make(parts.Box, part)
     if kind == "polygon":
         return parts.Polygon((parts.Ring(_points(part)),))
-    rings = (parts.Ring(_points(piece["outline"]), tuple(map(_points, piece["holes"]))) for piece in part)
+    rings = (
+        parts.Ring(_points(piece["outline"]), tuple(map(_points, piece.get("holes", ())))) for piece in part
+    )
     return parts.Polygon(tuple(rings))
 
 

@@ -170,7 +170,7 @@ class _Rules:
             return
         self.ground.assets = folder
         with suppress(
-            RefusedError, OSError, ValueError, KeyError, TypeError
+            RefusedError, OSError, ValueError, KeyError, TypeError, RecursionError
         ):  # it only says whose numbers are whose
             record = confined(RECORD, folder, home, self.files.allow_outside)
             self.ground.perceived = dict(json.loads(record.read_bytes())["values"])

@@ -112,12 +112,8 @@ def test_a_sensible_scene_comes_of_odd_masks_and_stands_still(shown, tmp_path: P
     cv2.imwrite(str(tmp_path / "photo.png"), drawn(labels)[..., ::-1])
     cv2.imwrite(str(tmp_path / "masks.png"), labels)
     path = tmp_path / "scene.yaml"
-    assert (
-        main(
-            ["perceive", str(tmp_path / "photo.png"), "--masks", str(tmp_path / "masks.png"), "-o", str(path)]
-        )
-        == 0
-    )
+    given = ["perceive", str(tmp_path / "photo.png"), "--masks", str(tmp_path / "masks.png"), "-o", str(path)]
+    assert main([*given, "--still"]) == 0
     scene = pipeline.load(path)
     assert main(["check", str(path), "--strict"]) == 0
     large = [i for i in np.unique(labels[labels > 0]) if (labels == i).sum() >= 12]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 from pathlib import Path
@@ -289,3 +290,29 @@ def test_a_refresh_changes_no_line_of_a_scene_written_by_hand(bundled: Path, tmp
     after = scene.with_name("again.yaml").read_text().splitlines()
     gone = [line for line in scene.read_text().splitlines() if line not in after and not HEAD.match(line)]
     assert gone == []
+
+
+def test_refreshes_keep_the_copied_photo_and_touch_no_file_that_the_record_alone_names(
+    perceived: Path, tmp_path: Path
+) -> None:
+    home, victim = tmp_path / "home", tmp_path / "victim"
+    home.mkdir()
+    victim.touch()
+    scene = home / "scene.yaml"
+    masks = ["--masks", str(perceived / "marked.png"), "--still"]
+    assert main(["perceive", str(perceived / "photo.png"), "-o", str(scene), *masks]) == 0
+    record = home / "scene.assets" / "perceived.json"
+    written = json.loads(record.read_text())
+    record.write_text(
+        json.dumps({**written, "files": written["files"] | {str(victim): 0, "../../victim": 0}})
+    )
+    assert main(["rename", str(scene), "ball-1", "cue"]) == 0
+    text = re.sub(r"(cue:(?:\n    .*)*?\n    mass: )\S+", r"\g<1>400 g", scene.read_text(), count=1)
+    assert "400 g" in text
+    scene.write_text(text)
+    for _ in range(2):
+        assert main(["perceive", "--refresh", str(scene), "-o", str(scene)]) == 0
+        assert main(["check", str(scene)]) == 0
+    assert "400 g" in scene.read_text()
+    assert (home / "scene.assets" / "photo.png").read_bytes() == (perceived / "photo.png").read_bytes()
+    assert victim.exists()

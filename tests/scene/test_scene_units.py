@@ -82,3 +82,10 @@ def test_units_that_do_not_fit(tmp_path: Path, wrong: str, message: str) -> None
     value = re.search(r"\d", wrong)
     assert value is not None
     assert (problem.place.line, problem.place.column) == (4, len(start) + value.start() + 1)
+
+
+def test_texts_that_are_no_quantity() -> None:
+    """A long text ends at once; what is too large, or upside down, has no value."""
+    assert quantity("1" * 20_000, "px", 1) is None
+    assert quantity("0.3 mm/px", "px/m", 1) is None
+    assert quantity("1 m³/s²", "px³/s²", 1e150) is None
