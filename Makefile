@@ -69,11 +69,11 @@ train: .venv/.studio
 
 .venv/.docs: .venv/.python pyproject.toml
 	$(BIN)/python -m pip install --quiet --editable '.[docs]'
-	@touch $@ .venv/.demo
+	@touch $@
 
 .venv/.studio: .venv/.python pyproject.toml
 	$(BIN)/python -m pip install --quiet --editable '.[studio]'
-	@touch $@ .venv/.demo
+	@touch $@
 
 clean:
 	rm -rf .venv out dist build

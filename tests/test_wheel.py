@@ -61,5 +61,5 @@ def test_the_wheel_renders(tmp_path: Path) -> None:
     assert '"$schema"' in run(physgen, "schema", cwd=elsewhere)
     assert run(physgen, "render", "ball.yaml", cwd=elsewhere) == "out/ball\n"
     assert {p.name for p in (elsewhere / "out" / "ball").iterdir()} == {
-        "video.mp4", "report.html", "manifest.json", "trajectory.npz",
+        "video.mp4", "report.html", "manifest.json", "timing.json", "trajectory.npz",
     }  # fmt: skip

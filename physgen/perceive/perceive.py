@@ -63,7 +63,7 @@ UNKNOWN = BoundaryGuess(View.SIDE, 0.0, "", ())
 POINT = "mark them with --masks FILE, --box x,y,w,h or --point x,y"
 # ids from which mostly specks, and objects from which anything, is no label map
 MOST_IDS, MOST_OBJECTS = (200, 5000)
-SMALLEST_SIDE = 32  # px; the coarsest scale of the shadow search halves four times
+SMALLEST_SIDE = 8  # px; the shadow search takes slopes at a coarse scale
 LONGEST_SIDE = 1600  # px, by default: more than most screens show of a clip, and perception takes seconds
 ROLES = (
     "categories", "segment", "label", "physics", "depth", "boundary", "normals", "intrinsic", "light", "matte",
@@ -95,10 +95,6 @@ def perceive(
     (`ball-*`). `crew` fills the roles; `asked` are the nouns to search for, for segmenters that take nouns.
     `pixels_per_meter` is the photo's true scale, where the user knows it. Raises InputError where no scene can be made.
     """
-    if min(rgb.shape[:2]) < SMALLEST_SIDE:
-        found_size = f"{rgb.shape[1]} x {rgb.shape[0]} px"
-        fix = f"use a photo of at least {SMALLEST_SIDE} px a side"
-        raise InputError.of("the photo", found_size, "is too small to find objects in", fix)
     run = _Run(rgb, crew or Backends(), progress)
     scenery: Scenery | None = None
     if found is None:
@@ -107,6 +103,10 @@ def perceive(
     if not objects:
         document.relabel_objects(objects, renames, {})
         return run.signed(_empty_scene(rgb, found, pixels_per_meter))
+    if min(rgb.shape[:2]) < SMALLEST_SIDE:
+        found_size = f"{rgb.shape[1]} x {rgb.shape[0]} px"
+        fix = f"use a photo of at least {SMALLEST_SIDE} px a side"
+        raise InputError.of("the photo", found_size, "is too small to find objects in", fix)
     if found.source != "given":
         new = [item for item in objects if item.id not in found.mask_sources]
         found = replace(found, labels=_rounded(found.labels, new))

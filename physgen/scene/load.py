@@ -163,6 +163,8 @@ def in_numbers(root: Node) -> Node:
                 return node
             ends = (0.0, number) if path[-1] == "gravity" else (number, 0.0)
             return node.with_value([node.with_value(end) for end in ends])
+        if isinstance(value, list) and part.get("items", {}).get("type") == "string":
+            return node  # names
         keys = (
             value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
         )

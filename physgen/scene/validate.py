@@ -250,7 +250,7 @@ class _Fault:
             what, count = self._count()
             expected, fix = (
                 f"is not a list of {count}",
-                f"write {count}{self._in_unit(what)}{self._units()}{self.hint}",
+                f"write {count}{self._in_unit(what)}{self.hint}",
             )
         elif "boolean" in kinds:
             meant = {"yes": "true", "on": "true", "y": "true", "no": "false", "off": "false", "n": "false"}

@@ -116,7 +116,8 @@ def test_refusals_write_nothing(lesson: Path, capsys: Capture) -> None:
         ),
         (
             ["pack", str(wrong)],
-            f'{wrong}:5:64: objects.ball.mass: "heavy" is not a number; write grams, e.g. 170',
+            f'{wrong}:5:64: objects.ball.mass: "heavy" is not a number; '
+            "write grams, or a number with mg, g or kg behind it, e.g. 170",
         ),
         (["unpack", "none.physgen"], "none.physgen: no such file; name a file that physgen pack wrote"),
         (

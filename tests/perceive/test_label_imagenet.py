@@ -116,7 +116,7 @@ def test_what_is_not_sure_is_named_by_shape(photo) -> None:
     plain[labels > 0] = (60, 70, 200)
     entry = next(iter(perceive(plain, from_masks(labels)).document["objects"].values()))
     assert entry["label"] == "ball"
-    assert entry["from"]["label"].startswith("shape (or ")
+    assert entry["from"]["label"].startswith("shape ")
     assert source(entry["from"]["label"]).sure == 0.5
 
 
