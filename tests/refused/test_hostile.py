@@ -382,7 +382,9 @@ def test_a_photo_of_a_few_rows(tmp_path: Path, capsys: pytest.CaptureFixture[str
     cv2.imwrite(str(tmp_path / "masks.png"), masks)
     cv2.imwrite(str(tmp_path / "photo.png"), masks * 200)
     assert main(["perceive", str(tmp_path / "photo.png"), "--masks", str(tmp_path / "masks.png")]) == 2
-    assert "64 x 4 px is too small to find objects in; use a photo of at least 8 px" in capsys.readouterr().err
+    assert (
+        "64 x 4 px is too small to find objects in; use a photo of at least 8 px" in capsys.readouterr().err
+    )
 
 
 def test_a_disk_without_room_for_a_header(tmp_path: Path) -> None:
