@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -50,8 +51,11 @@ def pile(tmp_path_factory) -> Path:
     pipeline.perceive(source / "original.png", file, masks=source / "mask.png")
     ids = sorted(item.mask.id for item in pipeline.load(file).objects)
     rows = "".join(f"  b{i}: {{mask: {i}}}\n" for i in ids)
+    # masks alone: the stored outlines were fitted to the floor that perception found
+    (file.parent / "line.assets").mkdir()
+    shutil.copy(file.parent / "boxes.assets" / "masks.png", file.parent / "line.assets")
     (file.parent / "line.yaml").write_text(
-        f"physgen: 1\nimage: {pipeline.load(file).image.relative_to(file.parent)}\nassets: boxes.assets\n"
+        f"physgen: 1\nimage: {pipeline.load(file).image.relative_to(file.parent)}\nassets: line.assets\n"
         f"objects:\n{rows}boundaries:\n  table: {{segment: [[-0.5, 458.7], [511.5, 466.8]]}}\n"
     )
     return file
