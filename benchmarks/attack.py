@@ -52,6 +52,8 @@ MEMORY, REFUSED_MEMORY = 1.5e9, 1.0e9
 """Bytes that a command may hold; less where it refuses its input."""
 ADDRESSES = 6 * 10**9
 """Bytes of address space: far more than may be held, so that the machine is safe."""
+CRASHED = 70
+"""Exit code of a command that raised."""
 HANG = 60
 """Wall time after which a command is killed, s."""
 LONGEST = 2_000
@@ -82,6 +84,7 @@ def run(folder: Path, *arguments: str, prepare: Callable[[], None] | None = None
     streams = [tempfile.TemporaryFile() for _ in range(2)]  # noqa: SIM115
     pid = os.fork()
     if pid == 0:
+        code = CRASHED
         try:
             os.chdir(folder)
             for number, stream in enumerate(streams, 1):
@@ -94,13 +97,12 @@ def run(folder: Path, *arguments: str, prepare: Callable[[], None] | None = None
             code = physgen(arguments)
         except SystemExit as end:
             code = end.code if isinstance(end.code, int) else 1
-        except BaseException:
-            traceback.print_exc()
-            code = 70
-        with open(os.devnull, "w"):  # as the interpreter does at its end
+        except Exception:
+            traceback.print_exc()  # a fault, which the parent counts
+        finally:  # the child never goes on as the campaign
             sys.stdout.flush()
             sys.stderr.flush()
-        os._exit(code)
+            os._exit(code)
     end = time.monotonic() + HANG
     while True:
         found, status, usage = os.wait4(pid, os.WNOHANG)
@@ -460,19 +462,15 @@ def leftovers(folder: Path) -> list[str]:
     return [str(path.relative_to(folder)) for path in found]
 
 
+def render_command(out: Path) -> list[str]:
+    """A short render in a process of its own."""
+    scene = str(ROOT / "scenes/wall-ball/scene.yaml")
+    return [sys.executable, "-m", "physgen", "render", scene, "-o", str(out), *FRAMES]
+
+
 def interrupted(folder: Path, chance: random.Random) -> list[str]:
     """A render stopped at a random moment, then run again: whole clips under their names, and nothing left over."""
-    out = folder / "clips"
-    command = [
-        sys.executable,
-        "-m",
-        "physgen",
-        "render",
-        str(ROOT / "scenes/wall-ball/scene.yaml"),
-        "-o",
-        str(out),
-        *FRAMES,
-    ]
+    command = render_command(folder / "clips")
     sent = chance.choice((signal.SIGINT, signal.SIGTERM, signal.SIGKILL))
     process = subprocess.Popen(
         command,
@@ -500,16 +498,7 @@ def interrupted(folder: Path, chance: random.Random) -> list[str]:
 
 def concurrent(folder: Path, chance: random.Random) -> list[str]:
     """Two runs of the same scene into the same folder."""
-    command = [
-        sys.executable,
-        "-m",
-        "physgen",
-        "render",
-        str(ROOT / "scenes/wall-ball/scene.yaml"),
-        "-o",
-        str(folder / "clips"),
-        *FRAMES,
-    ]
+    command = render_command(folder / "clips")
     both = [
         subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) for _ in range(2)
     ]
