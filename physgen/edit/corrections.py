@@ -80,7 +80,7 @@ class Painted:
     stored: Mapping[str, int]
     """By name, ids in masks.png of the objects whose mask is stored there from now on."""
     before: U16
-    """(H, W) of masks.png; zeros where there is none."""
+    """(H, W) of masks.png, without doubtful regions, which stay there; zeros where there is none."""
     after: U16
     touched: Mask
     """(H, W): what the corrected objects covered, or cover now."""
@@ -173,7 +173,7 @@ def _paint(work: Correction) -> Painted:
             moved.append(item.name)  # an outline in the file would be drawn over what was painted
     own = {item.name: item.mask.id for item in scene.objects if isinstance(item.mask, MaskId)}
     used = {item.mask.id for item in scene.boundaries if isinstance(item.mask, MaskId)} | set(own.values())
-    free = iter(range(max({int(before.max()), *used}) + 1, 65536))
+    free = iter(range(max({int(work.maps.labels.max()), *used}) + 1, 65536))
     new = before.copy()
     new[np.isin(before, [own[name] for name in (*moved, work.gone) if name in own])] = 0
     stored: dict[str, int] = {}
@@ -243,7 +243,8 @@ def _write_maps(work: Correction, folder: Path, painted: Painted, objects: Seque
     """Write into `folder`, which holds all maps as they were, those that change."""
     maps = work.maps
     if (painted.before != painted.after).any() or not (folder / "masks.png").is_file():
-        _write_map(folder / "masks.png", painted.after)
+        doubtful = np.where(painted.before == 0, maps.labels, np.uint16(0))
+        _write_map(folder / "masks.png", np.where(painted.after == 0, doubtful, painted.after))
     part = _window(painted.touched | (painted.union != painted.union_before))
     touched, union = painted.touched[part], painted.union[part]
     near = dilate(union != painted.union_before[part], SOFT)

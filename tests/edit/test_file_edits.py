@@ -5,6 +5,8 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 import yaml
 
@@ -62,3 +64,25 @@ def test_commands_edit_the_file(tmp_path: Path, capsys) -> None:
     capsys.readouterr()
     assert main(["remove", str(scene), "strat"]) == 2
     assert "did you mean start?" in capsys.readouterr().err
+
+
+def test_a_merge_leaves_doubtful_regions_in_the_label_map(tmp_path: Path) -> None:
+    labels = np.zeros((120, 160), np.uint8)
+    labels[60:100, 20:50], labels[60:100, 50:80], labels[70:100, 110:140] = 1, 2, 3
+    (tmp_path / "maps").mkdir()
+    pictures = {"masks": labels, "coverage": np.where(np.isin(labels, (1, 2)), 255, 0).astype(np.uint8)}
+    for name, picture in pictures.items():
+        cv2.imwrite(str(tmp_path / "maps" / f"{name}.png"), picture)
+    photo = cv2.merge([labels * 60 + 40] * 3)
+    for name in ("photo.png", "maps/background.png"):
+        cv2.imwrite(str(tmp_path / name), photo)
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(
+        "physgen: 1\nimage: photo.png\nassets: maps\nobjects:\n  a: {mask: 1, mass: 0.1 kg}\n  b: {mask: 2, mass: 20}\n"
+        "doubtful:\n  maybe-1: {mask: 3, confidence: 0.2}\n"
+    )
+    assert main(["merge", str(scene), "a", "b"]) == 0
+    assert {item.name: item.mass for item in pipeline.load(scene).objects} == {"a": 120}
+    after = cv2.imread(str(pipeline.load(scene).assets / "masks.png"), cv2.IMREAD_UNCHANGED)
+    assert np.array_equal(after == 3, labels == 3)
+    assert np.array_equal(after == 1, np.isin(labels, (1, 2)))
