@@ -9,9 +9,10 @@ from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from threading import Thread
+from typing import Any
 
 import pytest
-from browser import DESK, PHONE, launched
+from browser import DESK, PHONE
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -22,7 +23,7 @@ class Quiet(SimpleHTTPRequestHandler):
 
 
 @pytest.mark.slow
-def test_the_site_is_whole_on_a_desk_and_a_phone(tmp_path: Path) -> None:
+def test_the_site_is_whole_on_a_desk_and_a_phone(tmp_path: Path, browser: Any) -> None:
     command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--strict", "--site-dir", str(tmp_path)]
     built = subprocess.run(
         command, cwd=ROOT, capture_output=True, text=True, env=os.environ | {"NO_MKDOCS_2_WARNING": "1"}
@@ -33,16 +34,15 @@ def test_the_site_is_whole_on_a_desk_and_a_phone(tmp_path: Path) -> None:
     base = f"http://127.0.0.1:{server.server_port}/"
     complaints: list[str] = []
     try:
-        with launched() as browser:
-            for size in (DESK, PHONE):
-                page = browser.new_page(viewport=size)
-                page.on("request", lambda one: one.url.startswith(base) or complaints.append(one.url))
-                page.on("console", lambda one: one.type == "error" and complaints.append(one.text))
-                for source in sorted((ROOT / "docs").glob("*.md")):
-                    page.goto(f"{base}{source.stem}.html")
-                    if page.evaluate("document.documentElement.scrollWidth > innerWidth"):
-                        complaints.append(f"{source.name} is wider than {size['width']} px")
-                page.close()
+        for size in (DESK, PHONE):
+            page = browser.new_page(viewport=size)
+            page.on("request", lambda one: one.url.startswith(base) or complaints.append(one.url))
+            page.on("console", lambda one: one.type == "error" and complaints.append(one.text))
+            for source in sorted((ROOT / "docs").glob("*.md")):
+                page.goto(f"{base}{source.stem}.html")
+                if page.evaluate("document.documentElement.scrollWidth > innerWidth"):
+                    complaints.append(f"{source.name} is wider than {size['width']} px")
+            page.close()
     finally:
         server.shutdown()
     assert complaints == []
