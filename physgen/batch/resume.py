@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from physgen.problems import Place, Problem, Severity
+from physgen.scene.files import DATA
 
 CODE = (
     "compile",
@@ -92,11 +93,12 @@ def unchanged_inputs(
 
 
 def _maps(home: Path, document: Mapping[str, Any]) -> Sequence[str]:
-    """The maps that exist now: a new one changes the clip, too."""
+    """The maps and records that exist now: a new one changes the clip, too."""
     if "image" not in document or "assets" not in document:
         return ()
     folder = os.path.realpath(home / document["assets"])
-    return [_relative(home, Path(entry.path)) for entry in os.scandir(folder) if entry.name.endswith(".png")]
+    found = [entry for entry in os.scandir(folder) if entry.name.endswith(".png") or entry.name in DATA]
+    return [_relative(home, Path(entry.path)) for entry in found]
 
 
 def _relative(home: Path, path: Path) -> str:

@@ -16,6 +16,9 @@ from physgen.problems import InputError, Place, Problem
 if TYPE_CHECKING:
     from physgen.registry import Backends, Plan
 
+LEAST_SIDE = 64
+"""px of --side: in the bundled photos made smaller, nothing is found."""
+
 
 def perceive(options: argparse.Namespace) -> int:
     from physgen import pipeline
@@ -204,7 +207,7 @@ def add_perceive(parser: Parser) -> None:
     about = "what an object is; may be repeated"
     parser.option("--label", "NAME=TEXT", str, about, [], action="append")
     about = "longest side of the scene's photo, px; default: at most 1600"
-    parser.option("--side", "PX", whole(16, 100_000), about)
+    parser.option("--side", "PX", whole(LEAST_SIDE, 100_000), about)
     parser.option("--assets", "DIR", Path, "folder for the maps")
     parser.flag("--still", "leave out the push that sets the scene in motion")
     about = 'what to look for, for backends that find what they are asked for: "ball, wooden block"'

@@ -40,7 +40,7 @@ from physgen.perceive.roles import (
 from physgen.perceive.support.viewpoint import DOUBTS
 from physgen.photometry import DistantLight
 from physgen.problems import InputError, Place, Problem, Severity
-from physgen.scene.files import MAPS, OUTLINES, RECORD
+from physgen.scene.files import MAPS, OUTLINES, RECORD, read_record, recorded
 from physgen.scene.scene import Solid, View
 from physgen.scene.write import scene_text
 from physgen.scene.yaml_edit import marked, with_comments, without_guess_comments, write
@@ -540,38 +540,36 @@ def perceived_values(document: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
 
 def written_values(assets: Path | None) -> dict[str, dict[str, Any]]:
     """`perceived_values` of the run that wrote these assets; empty where they have no record of it."""
-    return _recorded(assets, "values")
+    values = _recorded(assets, "values").items()
+    return {name: entry for name, entry in values if isinstance(entry, dict)}
 
 
 def written_scale(assets: Path | None) -> float | None:
     """px/m as the run wrote it that wrote these assets; None where they have no record of it."""
-    return _recorded(assets, "world").get("pixels_per_meter")
+    scale = _recorded(assets, "world").get("pixels_per_meter")
+    return scale if isinstance(scale, int | float) else None
 
 
 def written_suitability(assets: Path | None) -> str:
     """Whether the photo suits, by the run that wrote these assets; `""` where they have no record of it."""
     found = _recorded(assets, "suitability")
-    return ": ".join(
-        filter(None, (str(found.get("verdict", "")), "; ".join(map(str, found.get("reasons", ())))))
-    )
+    reasons = found.get("reasons")
+    told = (str(found.get("verdict", "")), "; ".join(map(str, reasons if isinstance(reasons, list) else ())))
+    return ": ".join(filter(None, told))
 
 
 def _recorded(assets: Path | None, key: str) -> dict[str, Any]:
     """One entry of the record; empty where there is none."""
-    try:
-        return dict(json.loads((assets or Path()).joinpath(RECORD).read_bytes())[key])
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return {}
+    return {} if assets is None else recorded(assets / RECORD, key)
 
 
 def rename_recorded(assets: Path, old: str, new: str) -> None:
     """What perception wrote of an object goes by its new name, so that a refresh still knows the user's numbers."""
-    try:
-        record = json.loads((assets / RECORD).read_bytes())
-        record["values"][new] = record["values"].pop(old)
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return
-    write_atomic(assets / RECORD, json.dumps(record, ensure_ascii=False).encode() + b"\n")
+    record = read_record(assets / RECORD)
+    values = record.get("values")
+    if isinstance(values, dict) and old in values:
+        values[new] = values.pop(old)
+        write_atomic(assets / RECORD, json.dumps(record, ensure_ascii=False).encode() + b"\n")
 
 
 def _free_of_maps(name: str) -> str:

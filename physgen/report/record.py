@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from physgen import __version__
 from physgen.environment import this_machine
 from physgen.files import write_atomic
-from physgen.scene.files import OUTLINES
+from physgen.scene.files import DATA
 from physgen.scene.scene import Scene
 
 LIBRARIES = ("numpy", "pymunk", "opencv-python-headless", "av", "pillow")
@@ -209,7 +209,7 @@ def inputs(scene: Scene, path: Path, digest: Callable[[Path], str] = file_hash) 
     if scene.image is not None:
         files.append(scene.image)
         if scene.assets is not None and scene.assets.is_dir():
-            files += sorted(p for p in scene.assets.iterdir() if p.suffix == ".png" or p.name == OUTLINES)
+            files += sorted(p for p in scene.assets.iterdir() if p.suffix == ".png" or p.name in DATA)
     folder = scene.folder.resolve()
     named = {}
     for file in dict.fromkeys(file.resolve() for file in files):

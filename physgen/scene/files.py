@@ -7,10 +7,12 @@ followed first. `--allow-outside` lifts both rules.
 
 from __future__ import annotations
 
+import json
 import os
 import stat
 import warnings
 from pathlib import Path
+from typing import Any
 
 from physgen.files import EXIF_ORIENTATION, MOST_PIXELS, SCENE_FORMATS, Stamp, file_stamp
 from physgen.problems import InputError, Problem
@@ -26,10 +28,9 @@ MAPS = ("masks", "coverage", "background", "clean", "shadows", "depth", "normals
 """The files `NAME.png` of an assets folder."""
 OUTLINES = "outlines.json"
 """Of the same folder: id in masks.png -> the CRC-32 of its pixels, and a shape as in scene files."""
-
-
 RECORD = "perceived.json"
 """Of the same folder: which backend did each step of perceiving, and the values that it wrote."""
+DATA = (OUTLINES, RECORD)
 
 
 class RefusedError(Exception):
@@ -86,6 +87,21 @@ def scene_bytes(path: Path, name: str) -> bytes:
         raise InputError.of(
             name, "", f"cannot be read: {reason.lower()}", "name a file that can be read"
         ) from None
+
+
+def read_record(path: Path) -> dict[str, Any]:
+    """A `perceived.json`; empty where it cannot be read: it only says whose numbers are whose."""
+    try:
+        found = json.loads(scene_bytes(path, RECORD))
+    except (InputError, ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def recorded(path: Path, key: str) -> dict[str, Any]:
+    """One mapping of a `perceived.json`; empty where there is none."""
+    found = read_record(path).get(key)
+    return found if isinstance(found, dict) else {}
 
 
 def with_bases(root: Node, file: Path, allow_outside: bool, files: dict[Path, Stamp] | None = None) -> Node:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from physgen.problems import InputError, Problem
 from physgen.scene.document import MAX_BYTES, Node, Source, children
-from physgen.scene.files import MAPS, OUTLINES, beside, read_scene, with_bases
+from physgen.scene.files import DATA, MAPS, beside, read_scene, with_bases
 from physgen.scene.load import load, scene_name
 from physgen.scene.overlay import apply, edit_of_flag, edits_of_variant, variants_of
 from physgen.scene.unpack import CONTENTS, MAX_FILES, MAX_PICTURE, MAX_TOTAL, VERSION, is_plain
@@ -50,7 +50,8 @@ def pack_scene(path: str | os.PathLike[str]) -> bytes:
             files[name] = named.source.folder / str(named.value)
             continue
         folder = named.source.folder / str(named.value)
-        maps = {f"{name}/{file}": folder / file for file in (*(f"{kind}.png" for kind in MAPS), OUTLINES)}
+        known = (*(f"{kind}.png" for kind in MAPS), *DATA)
+        maps = {f"{name}/{file}": folder / file for file in known}
         there: dict[str, Path | None] = {member: path for member, path in maps.items() if path.is_file()}
         files |= there or {f"{name}/": None}
     return _written(file, next(iter(scenes)), scenes, files)
@@ -105,7 +106,8 @@ def _written(file: Path, scene: str, scenes: dict[str, Path], files: dict[str, P
     with zipfile.ZipFile(out, "w") as archive:
         archive.writestr(_entry(CONTENTS), page.encode("utf-8"))
         for member in members:
-            path, most = (scenes[member], MAX_BYTES) if member in scenes else (files[member], MAX_PICTURE)
+            path = scenes.get(member) or files[member]
+            most = MAX_BYTES if member in scenes or posixpath.basename(member) in DATA else MAX_PICTURE
             data = b"" if path is None else _bytes(path, most)
             left -= len(data)
             if left < 0:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -16,7 +15,16 @@ from physgen import registry
 from physgen.files import MOST_PIXELS, Stamp, file_stamp
 from physgen.problems import InputError
 from physgen.scene.document import Node, children, items, plain, whole
-from physgen.scene.files import MAPS, OUTLINES, RECORD, RefusedError, confined, image_size, read_scene
+from physgen.scene.files import (
+    MAPS,
+    OUTLINES,
+    RECORD,
+    RefusedError,
+    confined,
+    image_size,
+    read_scene,
+    recorded,
+)
 from physgen.scene.scene import video_size
 from physgen.scene.schema import advice, at
 from physgen.scene.validate import Findings, check_part
@@ -169,11 +177,9 @@ class _Rules:
             self.add(node.place, "assets", found, error.expected, error.fix)
             return
         self.ground.assets = folder
-        with suppress(
-            RefusedError, OSError, ValueError, KeyError, TypeError, RecursionError
-        ):  # it only says whose numbers are whose
+        with suppress(RefusedError):
             record = confined(RECORD, folder, home, self.files.allow_outside)
-            self.ground.perceived = dict(json.loads(record.read_bytes())["values"])
+            self.ground.perceived = recorded(record, "values")
         for file in (*(f"{name}.png" for name in MAPS), OUTLINES):
             if os.path.lexists(folder / file):
                 use = self.outlines if file == OUTLINES else self.map_file

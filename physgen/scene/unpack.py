@@ -18,7 +18,7 @@ from pathlib import Path
 from physgen.files import new_folder
 from physgen.problems import InputError
 from physgen.scene.document import MAX_BYTES
-from physgen.scene.files import RefusedError, image_size
+from physgen.scene.files import DATA, RefusedError, image_size
 from physgen.text import quoted
 
 SUFFIX = ".physgen"
@@ -111,7 +111,7 @@ def _write(archive: zipfile.ZipFile, infos: list[zipfile.ZipInfo], folder: Path,
     left = MAX_TOTAL
     for info in infos:
         target = folder / info.filename
-        is_scene = info.filename.endswith(SCENES)
+        is_text = info.filename.endswith(SCENES) or target.name in DATA
         try:
             (target if info.is_dir() else target.parent).mkdir(parents=True, exist_ok=True)
             if info.is_dir():
@@ -120,10 +120,10 @@ def _write(archive: zipfile.ZipFile, infos: list[zipfile.ZipInfo], folder: Path,
         except (FileExistsError, NotADirectoryError):  # on some disks, names in other cases are the same
             raise InputError.of(name, quoted(info.filename), "is there twice", AGAIN) from None
         with out:
-            for block in _blocks(archive, info, MAX_BYTES if is_scene else MAX_PICTURE, left, name):
+            for block in _blocks(archive, info, MAX_BYTES if is_text else MAX_PICTURE, left, name):
                 left -= len(block)
                 out.write(block)
-        if not is_scene:
+        if not is_text:
             _check_picture(target, info.filename, name)
 
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shutil
 from functools import cache
 from pathlib import Path
-from tempfile import mkdtemp
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -22,14 +21,18 @@ def level(k: int, seed: int = 0) -> int:
     return 20 + 20 * k + seed
 
 
-@cache
-def film(seed: int = 0, kind: Format = Format.MP4) -> Path:
+def film(folder: Path, seed: int = 0, kind: Format = Format.MP4) -> Path:
     """Eleven plain frames at 10 per second, each lighter than the one before."""
-    folder = Path(mkdtemp(prefix="film-"))
     with open_video(folder, kind, SIZE, FPS) as write:
         for k in range(FRAMES):
             write(np.full((SIZE[1], SIZE[0], 3), level(k, seed), np.uint8))
     return folder / kind.file
+
+
+@cache
+def _film(seed: int) -> bytes:
+    with TemporaryDirectory() as folder:
+        return film(Path(folder), seed).read_bytes()
 
 
 def document(**changes: Any) -> dict[str, Any]:
@@ -56,7 +59,7 @@ def document(**changes: Any) -> dict[str, Any]:
 def exhibit(folder: Path, resolved: dict[str, Any] | None = None, seed: int = 0, **told: Any) -> Path:
     """One clip's folder; `told` goes into its manifest."""
     folder.mkdir(parents=True)
-    shutil.copy(film(seed), folder / "video.mp4")
+    (folder / "video.mp4").write_bytes(_film(seed))
     (folder / "report.html").write_text("<!doctype html><title>report</title>")
     files = {
         name: hashlib.sha256((folder / name).read_bytes()).hexdigest()

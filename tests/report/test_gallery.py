@@ -140,9 +140,9 @@ def test_names_of_keys_are_as_short_as_leaves_no_doubt(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", list(Format))
-def test_a_poster_is_the_first_frame_of_its_film(kind: Format) -> None:
+def test_a_poster_is_the_first_frame_of_its_film(kind: Format, tmp_path: Path) -> None:
     """Read back by another library: the grey is that of the frame."""
-    path = film(0, kind)
+    path = film(tmp_path, 0, kind)
     data = poster(path / "00000.png" if kind is Format.PNG else path)
     first = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
     assert first.mean() == approx(level(0), abs=4)

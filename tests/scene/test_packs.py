@@ -15,8 +15,10 @@ import numpy as np
 import pytest
 
 from physgen import pipeline
+from physgen.compile.shapes import mask_crc
 from physgen.problems import InputError
 from physgen.scene.pack import pack_scene
+from physgen.scene.scene import Auto, Circle
 from physgen.scene.unpack import unpack_to
 
 SCENE = """\
@@ -26,7 +28,7 @@ image: photo.png   # ours
 assets: photo.assets
 world: {duration: 0.2}
 objects:
-  ball: {mask: 1, mass: 100, solid: sphere, velocity: [40, 0]}
+  ball: {mask: 1, mass: 100, solid: sphere, velocity: [40, 0], from: {mass: physics 0.5}}
 boundaries:
   floor: {segment: [[-20, 40], [90, 40]]}
 light: {direction: [0.3, -0.6, 0.74]}
@@ -46,7 +48,11 @@ def photo(folder: Path, name: str = "photo.png", seed: int = 1) -> None:
 def maps(folder: Path) -> None:
     folder.mkdir(parents=True)
     y, x = np.mgrid[:48, :64]
-    cv2.imwrite(str(folder / "masks.png"), (np.hypot(x - 20, y - 24) <= 9).astype(np.uint16))
+    labels = (np.hypot(x - 20, y - 24) <= 9).astype(np.uint16)
+    cv2.imwrite(str(folder / "masks.png"), labels)
+    outline = {"crc": mask_crc(labels, 1), "shape": {"circle": {"center": [20, 24], "radius": 9.5}}}
+    (folder / "outlines.json").write_text(json.dumps({"1": outline}))
+    (folder / "perceived.json").write_text('{"values": {"ball": {"mass": 50}}}')  # 100 g are the user's
 
 
 @pytest.fixture
@@ -72,6 +78,7 @@ def render(path: Path, out: Path, **how) -> dict[str, object]:
     folder = pipeline.render_scene(path, out, page=pipeline.Page.NONE, **how)
     told = json.loads((folder / "manifest.json").read_text())
     return {
+        "inputs": sorted(told["inputs"].values()),
         "samples": told["samples"],
         "frames": told["frames"],
         "video": (folder / "video.mp4").read_bytes(),
@@ -91,7 +98,9 @@ def test_a_plain_zip_with_the_same_bytes_always(pool: Path, tmp_path: Path) -> N
     assert pack_scene(other / "scene.yaml") == data
     assert pack_scene(os.path.relpath(other / "scene.yaml")) == data
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
-        names = ["pack.json", "pool/scene.yaml", "pool/photo.assets/masks.png", "pool/photo.png"]
+        files = ["masks.png", "outlines.json", "perceived.json"]
+        maps = [f"pool/photo.assets/{name}" for name in files]
+        names = ["pack.json", "pool/scene.yaml", *maps, "pool/photo.png"]
         assert archive.namelist() == names
         for entry in archive.infolist():
             assert entry.compress_type == zipfile.ZIP_STORED
@@ -120,6 +129,8 @@ def test_clips_of_the_file_the_pack_and_what_was_in_it_are_the_same(pool: Path, 
         "pool/scene.yaml",
         "pool/photo.png",
         "pool/photo.assets/masks.png",
+        "pool/photo.assets/outlines.json",
+        "pool/photo.assets/perceived.json",
         "soft/there.png",
     }
     pack = tmp_path / "soft.physgen"
@@ -127,6 +138,11 @@ def test_clips_of_the_file_the_pack_and_what_was_in_it_are_the_same(pool: Path, 
     scene = unpack_to(data, tmp_path / "here")
     assert scene == tmp_path / "here" / "soft" / "scene.yaml"
     assert scene.read_text() == soft.read_text()
+    here, there = (pipeline.load(path).objects[0] for path in (soft, pack))
+    assert here == there
+    assert isinstance(here.shape, Auto)
+    assert here.shape.stored == Circle((20, 24), 9.5)
+    assert "mass" not in here.provenance
     shots = []
     for variant in (None, "far"):
         clips = [
