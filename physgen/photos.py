@@ -77,7 +77,7 @@ def read_photo(path: Path, upright: bool = True) -> Photo:
     with open_picture(path) as image:
         decode_picture(image, path)
         numbers = read_16_bit(image, path)
-        turn = _orientation(image)
+        turn = orientation(image)
         has_alpha = image.mode in WITH_ALPHA or "transparency" in image.info
         mode, to_srgb, readable = _meaning(image)
         plain = numbers is None and image.mode in PLAIN and image.format in SCENE_FORMATS
@@ -116,10 +116,10 @@ def _eight_bits(levels: NDArray[Any]) -> U8:
     return np.asarray(cv2.convertScaleAbs(levels, alpha=1 / 257).reshape(levels.shape), np.uint8)
 
 
-def _orientation(image: Image.Image) -> int:
-    """Of a loaded picture, as EXIF counts, 1 to 8; 1 where that is damaged, and for TIFF, which both readers turn.
+def orientation(image: Image.Image) -> int:
+    """As EXIF counts, 1 to 8; 1 where that is damaged, and for TIFF, which both readers turn.
 
-    A PNG may have it behind its pixels.
+    A PNG may have it behind its pixels: where these are not loaded, it is not looked for.
     """
     with suppress(Exception):  # Pillow's reader raises errors of many kinds
         if image.format != "TIFF" and "exif" in image.info:
@@ -131,7 +131,7 @@ def _orientation(image: Image.Image) -> int:
 
 
 @contextmanager
-def open_picture(path: Path) -> Iterator[Image.Image]:
+def open_picture(path: Path, formats: tuple[str, ...] = FORMATS) -> Iterator[Image.Image]:
     """Pillow's view of a picture, its size checked before pixels are decoded. Raises InputError."""
     from PIL import Image, UnidentifiedImageError
 
@@ -142,7 +142,7 @@ def open_picture(path: Path) -> Iterator[Image.Image]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # Pillow warns below our own limit
-            image = Image.open(path, formats=FORMATS)
+            image = Image.open(path, formats=formats)
     except FileNotFoundError:
         raise problem("no such file", "check the path") from None
     except IsADirectoryError:

@@ -16,8 +16,8 @@ from physgen.environment import Machine
 from physgen.evaluate.measure import Findings, Section, Table, number
 from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
 from physgen.report.record import TIMING
+from physgen.scene.files import RECORD, read_record
 
-PERCEIVED = "perceived.json"
 MOST_PROBLEMS = 20
 """Manifests without times that are named."""
 PAPER = 180
@@ -125,8 +125,7 @@ def _perceived(folder: Path, record: Mapping[str, Any]) -> tuple[dict[str, Time]
         return {}, ()
     times: dict[str, Time] = {}
     try:
-        text = ((folder / source).parent / str(assets) / PERCEIVED).read_text(encoding="utf-8")
-        steps = json.loads(text)["steps"]
+        steps = read_record((folder / source).parent / str(assets) / RECORD)["steps"]
         for step in steps:
             stage = f"perceive {step['role']}"
             times[stage] = total([times.get(stage, (0.0, np.nan)), (float(step["seconds"]), np.nan)])

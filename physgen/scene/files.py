@@ -10,11 +10,10 @@ from __future__ import annotations
 import json
 import os
 import stat
-import warnings
 from pathlib import Path
 from typing import Any
 
-from physgen.files import EXIF_ORIENTATION, MOST_PIXELS, SCENE_FORMATS, Stamp, file_stamp
+from physgen.files import SCENE_FORMATS, Stamp, file_stamp
 from physgen.problems import InputError, Problem
 from physgen.scene.document import MAX_BYTES, Node, Source, decode, read
 from physgen.scene.overlay import merge
@@ -31,6 +30,7 @@ OUTLINES = "outlines.json"
 RECORD = "perceived.json"
 """Of the same folder: which backend did each step of perceiving, and the values that it wrote."""
 DATA = (OUTLINES, RECORD)
+ASSETS = (*(f"{name}.png" for name in MAPS), *DATA)
 
 
 class RefusedError(Exception):
@@ -170,30 +170,16 @@ def image_size(path: Path) -> tuple[int, int]:
 
     Raises RefusedError.
     """
-    from PIL import Image
+    from physgen.photos import open_picture, orientation
 
-    if path.is_dir():
-        raise RefusedError("is a folder", "name an image file")
-    if not path.is_file():
+    if not (path.is_file() or path.is_dir()):
         raise RefusedError("does not exist", "write the path of an image, relative to this file")
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # Pillow warns below our own limit
-            with Image.open(path, formats=SCENE_FORMATS) as image:
-                width, height = image.size
-                # a PNG without EXIF in its header would be decoded in search of it
-                orientation = image.getexif().get(EXIF_ORIENTATION, 1) if "exif" in image.info else 1
-    except Image.DecompressionBombError:
-        raise RefusedError("has more than 100 megapixels", "make it smaller") from None
-    except Exception:  # Pillow's readers raise errors of many kinds for damaged headers
-        raise RefusedError(
-            "is not an image that can be read", "write the path of a PNG, JPEG or WebP image"
-        ) from None
-    if width * height > MOST_PIXELS:
-        raise RefusedError("has more than 100 megapixels", "make it smaller")
-    if orientation != 1:
+        with open_picture(path, SCENE_FORMATS) as image:
+            size, turn = image.size, orientation(image)
+    except InputError as error:
+        raise RefusedError(error.problems[0].expected, error.problems[0].fix) from None
+    if turn != 1:
         fix = "save it upright, or let physgen perceive make the scene"
         raise RefusedError("is stored turned and says so in its EXIF data alone", fix)
-    if width * height == 0:
-        raise RefusedError("has no pixels", "write the path of a photo")
-    return width, height
+    return size

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from physgen.problems import InputError, Problem
 from physgen.scene.document import MAX_BYTES, Node, Source, children
-from physgen.scene.files import DATA, MAPS, beside, read_scene, with_bases
+from physgen.scene.files import ASSETS, DATA, beside, read_scene, with_bases
 from physgen.scene.load import load, scene_name
 from physgen.scene.overlay import apply, edit_of_flag, edits_of_variant, variants_of
 from physgen.scene.unpack import CONTENTS, MAX_FILES, MAX_PICTURE, MAX_TOTAL, VERSION, is_plain
@@ -50,8 +50,7 @@ def pack_scene(path: str | os.PathLike[str]) -> bytes:
             files[name] = named.source.folder / str(named.value)
             continue
         folder = named.source.folder / str(named.value)
-        known = (*(f"{kind}.png" for kind in MAPS), *DATA)
-        maps = {f"{name}/{file}": folder / file for file in known}
+        maps = {f"{name}/{file}": folder / file for file in ASSETS}
         there: dict[str, Path | None] = {member: path for member, path in maps.items() if path.is_file()}
         files |= there or {f"{name}/": None}
     return _written(file, next(iter(scenes)), scenes, files)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
 from math import ceil, floor, sqrt
@@ -15,16 +14,7 @@ from physgen import registry
 from physgen.files import MOST_PIXELS, Stamp, file_stamp
 from physgen.problems import InputError
 from physgen.scene.document import Node, children, items, plain, whole
-from physgen.scene.files import (
-    MAPS,
-    OUTLINES,
-    RECORD,
-    RefusedError,
-    confined,
-    image_size,
-    read_scene,
-    recorded,
-)
+from physgen.scene.files import ASSETS, OUTLINES, RefusedError, confined, image_size, read_scene, recorded
 from physgen.scene.scene import video_size
 from physgen.scene.schema import advice, at
 from physgen.scene.validate import Findings, check_part
@@ -177,12 +167,10 @@ class _Rules:
             self.add(node.place, "assets", found, error.expected, error.fix)
             return
         self.ground.assets = folder
-        with suppress(RefusedError):
-            record = confined(RECORD, folder, home, self.files.allow_outside)
-            self.ground.perceived = recorded(record, "values")
-        for file in (*(f"{name}.png" for name in MAPS), OUTLINES):
+        for file in ASSETS:
             if os.path.lexists(folder / file):
-                use = self.outlines if file == OUTLINES else self.map_file
+                data = self.outlines if file == OUTLINES else self.record
+                use = self.map_file if file.endswith(".png") else data
                 try:
                     use(confined(file, folder, home, self.files.allow_outside))
                 except RefusedError as error:
@@ -211,6 +199,9 @@ class _Rules:
             for where, outline, crossing in _outlines(None, children(shape)):
                 self.outline(outline, (key, *where), crossing)
             self.ground.outlines[int(key)] = crc.value, plain(shape)
+
+    def record(self, path: Path) -> None:
+        self.ground.perceived = recorded(path, "values")
 
     def map_file(self, path: Path) -> None:
         size, canvas = self.files.size(path), self.ground.size

@@ -123,8 +123,10 @@ def _write(archive: zipfile.ZipFile, infos: list[zipfile.ZipInfo], folder: Path,
             for block in _blocks(archive, info, MAX_BYTES if is_text else MAX_PICTURE, left, name):
                 left -= len(block)
                 out.write(block)
-        if not is_text:
-            _check_picture(target, info.filename, name)
+        try:  # what is no scene file must be a picture that a scene may show; no pixel is decoded
+            _ = is_text or image_size(target)
+        except RefusedError as error:
+            raise InputError.of(name, quoted(info.filename), error.expected, AGAIN) from None
 
 
 def _archive(data: bytes, name: str) -> zipfile.ZipFile:
@@ -200,12 +202,3 @@ def _blocks(
                 yield block
     except DAMAGED:
         raise InputError.of(name, quoted(info.filename), "is damaged", AGAIN) from None
-
-
-def _check_picture(path: Path, member: str, name: str) -> None:
-    """Refuses what is neither a scene file nor a picture that a scene may show; no pixel is decoded."""
-    try:
-        image_size(path)
-    except RefusedError as error:
-        what = "is neither a scene file nor a picture" if "not an image" in error.expected else error.expected
-        raise InputError.of(name, quoted(member), what, AGAIN) from None

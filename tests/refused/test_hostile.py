@@ -208,7 +208,7 @@ def _png(width: int, height: int) -> bytes:
 def test_image_of_many_pixels(side: tuple[int, int], tmp_path: Path, here) -> None:
     (tmp_path / "photo.png").write_bytes(_png(*side))
     (tmp_path / "scene.yaml").write_text("physgen: 1\nimage: photo.png\n")
-    assert here() == ['scene.yaml:2:8: image: "photo.png" has more than 100 megapixels; make it smaller']
+    assert here() == ['scene.yaml:2:8: image: "photo.png" is over 100 megapixels; make the picture smaller']
 
 
 def test_damaged_images(tmp_path: Path, here) -> None:
@@ -217,7 +217,7 @@ def test_damaged_images(tmp_path: Path, here) -> None:
     for length in (0, 8, 20, 30):
         (tmp_path / "photo.png").write_bytes(whole[:length])
         (line,) = here()
-        assert '"photo.png" is not an image that can be read' in line
+        assert '"photo.png" is not a picture that can be read' in line
 
 
 def _secret(tmp_path: Path) -> Path:
