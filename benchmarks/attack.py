@@ -1,22 +1,26 @@
-"""Hostile input: mutated scenes, pictures, maps and packs, disks, interrupted and concurrent runs, editor requests.
+"""Hostile input: mutated scenes, assets, pictures, packs, arguments, disks, interrupted and concurrent runs, requests.
 
     python benchmarks/attack.py                            # one minute, seed 0
     python benchmarks/attack.py --minutes 20 --seed 3      # longer
     python benchmarks/attack.py --only scenes --count 5000 # one kind of attack, so many times
+    python benchmarks/attack.py --first 600 --count 600 --keep   # a piece of a campaign: counts are added to results/
 
 Each input goes to a command in a process of its own under limits of the kernel. A failure is a traceback, a library's
 warning, an exit code other than 0 or 2, over 20 s of processor time, over 1.5 GB (1 GB where the input is refused), a
-message without place or remedy, or a file left over. Failures are made small and kept under out/attack. Exit code 1 on
-any. The same seed makes the same inputs.
+message without place or remedy, a file that a refused command wrote, or one left over. Failures are made small and kept
+under out/attack. Exit code 1 on any. The same seed makes the same inputs.
 """
 
 from __future__ import annotations
 
 import argparse
+import atexit
 import copy
 import io
+import itertools
 import json
 import os
+import platform
 import random
 import re
 import resource
@@ -32,7 +36,8 @@ import warnings
 import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from urllib.parse import quote
 
@@ -43,6 +48,7 @@ import yaml
 
 from physgen import pipeline  # imported before forking, so that a child starts at once
 from physgen.cli.main import main as physgen
+from physgen.files import file_stamp
 from physgen.scene.pack import pack_scene
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -76,7 +82,6 @@ class Result:
     """Bytes at most."""
     out: str
     err: str
-    faults: list[str] = field(default_factory=list)
 
 
 def run(folder: Path, *arguments: str, prepare: Callable[[], None] | None = None) -> Result:
@@ -148,52 +153,47 @@ def judge(result: Result, base: int, codes: tuple[int, ...] = (0, 2)) -> list[st
 # Scenes
 
 NUMBERS = (0, -1, 1, 0.5, 1e9, -1e9, 1e-12, 1e300, 3.14, 2**31, 2**63, 10**30, 170, 90)
-TEXTS = (
+TEXTS = ("", "x", "auto", "none", "true", "../..", "/etc/passwd", "a/b", "é", "𝛑", "\ud800", "%s", "{}", "a" * 3000,
+         "\0", "\u202e")  # fmt: skip
+ARGUMENTS = (*TEXTS[:10], "a" * 300, "é\udcff", "-x", "x\ny", "scene.yaml", "0", "-1", "1e9", "nan", "9" * 21)
+"""Names and numbers of the command line, which holds no zero byte."""
+KEYS = ("objects", "ball", "block", "forces", "world", "gravity", "velocity", "variants", "shape", "*", "a.b", "mass",
+        "0")  # fmt: skip
+UNITS = ("g", "kg", "mm", "m", "px", "m/s", "px/s", "m/s²", "m/s^2", "N", "N s", "deg", "rad", "rpm", "kg/m²", "Hz",
+         "turn", "furlong", "m//s", "/", "1/", "kg^99", "m^-9", "s^--1", "m m m", "°", "µm", "g²²", " ")  # fmt: skip
+WAYS = ("right", "up-left", "30@2 m/s", "down@300", "@", "right@", "left@5 kg", "right@1e9 m/s", "left@-1 m/s", "1e400",
+        "nan", "90@nan", "right=left", "left@0", "٣@2 m/s", "", "up@1 m/s@2")  # fmt: skip
+"""Of --push."""
+POINTS = (
+    "80,60",
+    "80,60@2 m/s",
+    "0,0",
+    "1e9,1",
+    "nan,1",
+    "5",
+    "x,y",
+    "80,60@",
+    "80,60@x",
+    "80,60@0",
     "",
-    "x",
-    "auto",
-    "none",
-    "true",
-    "../..",
-    "/etc/passwd",
-    "a/b",
-    "é",
-    "𝛑",
-    "\ud800",
-    "%s",
-    "{}",
-    "a" * 3000,
-    "\0",
-    "\u202e",
+    ",",
+    "-5,1e400",
 )
-KEYS = (
-    "objects",
-    "ball",
-    "block",
-    "forces",
-    "world",
-    "gravity",
-    "velocity",
-    "variants",
-    "shape",
-    "*",
-    "a.b",
-    "mass",
-    "0",
-)
+"""Of --kick and --point."""
 REQUESTS = 30
 """Of one editor."""
 RAW = ("&a", "*a", "!!python/name:os.system", "? ", "- ", "{", "}", "[", "]", ": ", "#", "|", ">", "'", '"', "\t",
        "%YAML 2.0", "---\n", "...\n", "<<: ", "~", ".nan", ".inf", "\r", "\ufeff", "\u2028", "@")  # fmt: skip
 
 
-def seeds() -> list[Path]:
-    """Scenes that are right, and the wrong ones of the tests."""
-    return [*sorted(ROOT.glob("scenes/*/scene.yaml")), *sorted(ROOT.glob("tests/refused/cases/*.yaml"))]
+def seed_of(chance: random.Random) -> Path:
+    """A scene that is right, bundled or of the physics scorecard, or one of the wrong ones of the tests."""
+    where = chance.choice(("scenes/*/scene.yaml", "scenes/physics/*.yaml", "tests/refused/cases/*.yaml"))
+    return chance.choice(sorted(ROOT.glob(where)))
 
 
 def value(chance: random.Random, depth: int = 0) -> object:
-    kind = chance.randrange(8 if depth < 3 else 5)
+    kind = chance.randrange(9 if depth < 3 else 5)
     if kind < 2:
         return chance.choice(NUMBERS) * chance.choice((1, 1, chance.random()))
     if kind < 4:
@@ -201,11 +201,18 @@ def value(chance: random.Random, depth: int = 0) -> object:
     if kind == 4:
         return [chance.choice(NUMBERS) for _ in range(chance.randrange(4))]
     if kind == 5:
+        return quantity(chance)
+    if kind == 6:
         return [value(chance, depth + 1) for _ in range(chance.randrange(5))]
     return {
         chance.choice((*TEXTS[:8], "center", "radius", "mask", "mass")): value(chance, depth + 1)
         for _ in range(3)
     }
+
+
+def quantity(chance: random.Random) -> str:
+    """A number with a unit, which may not fit, or not exist."""
+    return f"{chance.choice(NUMBERS)}{chance.choice((' ', '', '  '))}{chance.choice(UNITS)}"
 
 
 def places(node: object, path: tuple = ()) -> Iterator[tuple]:
@@ -224,7 +231,7 @@ def mutate_tree(data: dict, chance: random.Random) -> str:
         holder = data
         for key in path[:-1]:
             holder = holder[key]
-        what, old = chance.randrange(9), holder[path[-1]]
+        what, old = chance.randrange(10), holder[path[-1]]
         if what == 0:
             del holder[path[-1]]
         elif what == 1 and isinstance(old, int | float) and not isinstance(old, bool):
@@ -242,6 +249,8 @@ def mutate_tree(data: dict, chance: random.Random) -> str:
             holder[chance.choice(TEXTS[:10]) or str(path[-1]).upper()] = old
         elif what == 6 and isinstance(old, str):
             holder[path[-1]] = chance.choice((old[::-1], old + "x", old * 400, old[:1], chance.choice(TEXTS)))
+        elif what == 7 and isinstance(old, int | float):
+            holder[path[-1]] = f"{old} {chance.choice(UNITS)}" if chance.random() < 0.7 else quantity(chance)
         else:
             holder[path[-1]] = value(chance)
         if not data:
@@ -277,7 +286,7 @@ def mutate_text(text: str, chance: random.Random) -> bytes:
 
 def scenes(folder: Path, chance: random.Random) -> Iterator[tuple[str, ...]]:
     """One mutated scene, checked, simulated for a tenth of a second and now and then rendered."""
-    seed = chance.choice(seeds())
+    seed = seed_of(chance)
     if seed.name == "scene.yaml":
         shutil.copytree(seed.parent, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("*.md"))
     text = seed.read_text(encoding="utf-8")
@@ -293,12 +302,84 @@ def scenes(folder: Path, chance: random.Random) -> Iterator[tuple[str, ...]]:
         mutated = mutate_text(text, chance)
     (folder / "scene.yaml").write_bytes(mutated)
     yield ("check", "scene.yaml")
+    if chance.random() < 0.1:
+        yield (
+            edit(chance, list(data.get("objects") or ()))
+            if isinstance(data, dict)
+            else ("show", "scene.yaml")
+        )
     yield ("simulate", "scene.yaml", "--set", "world.duration=0.1", "-o", "out.csv")
     if chance.random() < 0.1:
         yield ("render", "scene.yaml", "-o", "clips", *FRAMES)
 
 
+def edit(chance: random.Random, names: list[str]) -> tuple[str, ...]:
+    """A command that edits a scene, moves its objects or lists them."""
+    known = [str(name) for name in names] or ["ball"]
+    name, other = (chance.choice((*known, *known, *ARGUMENTS)) for _ in range(2))
+    flag, argument = chance.choice((
+        ("--push", f"{name}={chance.choice(WAYS)}"), ("--drop", name), ("--kick", chance.choice(POINTS)),
+        ("--push", name), ("--set", f"objects.{name}.mass={quantity(chance)}"),
+    ))  # fmt: skip
+    return chance.choice((
+        ("show", "scene.yaml", *chance.choice(((), ("--json",)))),
+        ("rename", "scene.yaml", name, other),
+        ("merge", "scene.yaml", name, other),
+        ("remove", "scene.yaml", *{name, other}),
+        ("layer", "scene.yaml", name, chance.choice(("1", "-3", *ARGUMENTS))),
+        ("render", "scene.yaml", flag, argument, "-o", "clips", *FRAMES),
+        ("render", "scene.yaml", flag, argument, "-o", "clips", *FRAMES),
+    ))  # fmt: skip
+
+
 # Pictures, maps and packs
+
+
+@cache
+def perceived() -> Path:
+    """The folder of a small scene as perceive writes it, with outlines and a record of its numbers."""
+    home = tempfile.TemporaryDirectory(prefix="attack-")
+    atexit.register(home.cleanup)
+    for name in ("photo.png", "photo.assets/masks.png"):
+        picture = cv2.imread(str(ROOT / "scenes" / "kitchen" / name), cv2.IMREAD_UNCHANGED)
+        small = cv2.resize(picture, (160, 160), interpolation=cv2.INTER_NEAREST)
+        cv2.imwrite(str(Path(home.name) / Path(name).name), small)
+    made = run(Path(home.name), "perceive", "photo.png", "--masks", "masks.png", "-o", "scene.yaml")
+    assert made.code == 0, made.err
+    return Path(home.name)
+
+
+def assets(folder: Path, chance: random.Random) -> Iterator[tuple[str, ...]]:
+    """A perceived scene whose outlines, record or label map are odd or damaged: edited, pushed, perceived again."""
+    shutil.copytree(perceived(), folder, dirs_exist_ok=True)
+    target = folder / "scene.assets" / chance.choice(("perceived.json", "outlines.json", "masks.png"))
+    data, what = target.read_bytes(), chance.randrange(8)
+    if what == 0:
+        target.unlink()
+        chance.choice((target.mkdir, lambda: os.mkfifo(target), lambda: target.symlink_to(target)))()
+    elif what < 3:
+        target.write_bytes(damaged(data, chance))
+    elif target.suffix == ".json" and what < 5:
+        target.write_bytes(mutate_text(data.decode().replace(", ", ",\n"), chance))
+    elif target.suffix == ".json":
+        tree = json.loads(data)
+        target.write_text(json.dumps(yaml.safe_load(mutate_tree(tree, chance))), "utf-8", "surrogatepass")
+    elif what < 5:
+        target.write_bytes(odd_picture(chance))
+    else:
+        labels = cv2.imread(str(target), cv2.IMREAD_UNCHANGED)
+        old, new = chance.randrange(8), chance.choice((0, 1, 2, 300, 65535))
+        labels[labels == old] = new
+        labels[chance.randrange(160) :, chance.randrange(160) :] = chance.choice((0, 1, 9, 65535))
+        cv2.imwrite(str(target), labels.astype(np.uint16))
+    names = list(yaml.safe_load((folder / "scene.yaml").read_text())["objects"])
+    yield chance.choice((
+        ("check", "scene.yaml"),
+        edit(chance, names),
+        edit(chance, names),
+        ("perceive", "--refresh", "scene.yaml", "-o", "again.yaml"),
+        ("pack", "scene.yaml", "-o", "a.physgen"),
+    ))  # fmt: skip
 
 
 def damaged(data: bytes, chance: random.Random) -> bytes:
@@ -397,23 +478,13 @@ def arguments(folder: Path, chance: random.Random) -> Iterator[tuple[str, ...]]:
     """Odd names of files and values of flags."""
     seed = chance.choice(sorted(ROOT.glob("scenes/*/scene.yaml"))).parent
     shutil.copytree(seed, folder, dirs_exist_ok=True)
-    odd = (
-        "",
-        " ",
-        ".",
-        "..",
-        "/dev/null",
-        "/proc/self/mem",
-        "a" * 300,
-        "é\udcff",
-        "-x",
-        "x\ny",
-        "nowhere/at/all",
-        "scene.yaml",
-        "photo.png",
-    )
+    odd = (*ARGUMENTS, " ", ".", "..", "/dev/null", "/proc/self/mem", "nowhere/at/all", "photo.png")
     name = chance.choice(odd)
     number = chance.choice(("0", "-1", "1e9", "nan", "inf", "", "x", "999999999999999999999"))
+    with (seed / "scene.yaml").open() as stream:
+        objects = list(yaml.safe_load(stream)["objects"])
+    flags = (("--box", f"{name},1,9,9"), ("--point", chance.choice(POINTS)), ("--side", number), ("--label", name),
+             ("--label", f"ball={name}"), ("--masks", name), ("--find", name), ("--assets", name))  # fmt: skip
     lines = (
         ("render", "scene.yaml", "-o", name, *FRAMES),
         ("simulate", "scene.yaml", "-o", name, "--set", "world.duration=0.1"),
@@ -430,8 +501,15 @@ def arguments(folder: Path, chance: random.Random) -> Iterator[tuple[str, ...]]:
         ("simulate", "scene.yaml", "--rate", number),
         ("sweep", "scene.yaml", name, "-o", "clips"),
         ("export", "scene.yaml", "-o", name, "--format", "coco"),
+        ("perceive", "--refresh", name, "-o", "again.yaml", "--still"),
+        *[edit(chance, objects) for _ in range(6)],
     )
-    yield chance.choice(lines)
+    if chance.random() < 0.1:
+        small = cv2.resize(cv2.imread(str(seed / "photo.png")), (160, 120))
+        cv2.imwrite(str(folder / "photo.png"), small)
+        yield ("perceive", "photo.png", *chance.choice(flags), "--still", "-o", "made.yaml")
+    else:
+        yield chance.choice(lines)
 
 
 def disks(folder: Path, chance: random.Random) -> Iterator[tuple[str, ...]]:
@@ -599,6 +677,7 @@ def filled(schema: dict, parts: dict, chance: random.Random, depth: int = 0) -> 
 
 COMMANDS: dict[str, Callable[[Path, random.Random], Iterator[tuple[str, ...]]]] = {
     "scenes": scenes,
+    "assets": assets,
     "pictures": pictures,
     "photos": photos,
     "packs": packs,
@@ -606,34 +685,25 @@ COMMANDS: dict[str, Callable[[Path, random.Random], Iterator[tuple[str, ...]]]] 
     "disks": disks,
 }
 RUNS = {"interrupted": interrupted, "concurrent": concurrent, "editor": editor}
-SHARE = {
-    "scenes": 61,
-    "pictures": 8,
-    "photos": 4,
-    "packs": 8,
-    "arguments": 12,
-    "disks": 3,
-    "interrupted": 1,
-    "concurrent": 1,
-    "editor": 2,
-}
+SHARE = dict(zip((*COMMANDS, *RUNS), (60, 10, 6, 3, 6, 8, 3, 1, 1, 2), strict=True))
 """Of 100 inputs, about; `scenes` are the quickest."""
 
 
 def attack(
     kind: str, folder: Path, chance: random.Random, base: int
-) -> tuple[list[str], list[tuple[str, ...]]]:
-    """The faults that one input of a kind showed, and the commands that showed them."""
+) -> tuple[list[str], list[tuple[str, ...]], list[Result]]:
+    """The faults that one input of a kind showed, the commands that showed them, and what all commands did."""
     if kind in RUNS:
-        return RUNS[kind](folder, chance), []
-    faults, shown = [], []
+        return RUNS[kind](folder, chance), [], []
+    faults, shown, results = [], [], []
     for command in COMMANDS[kind](folder, chance):
-        before = set(folder.rglob("*"))
+        before = {path: file_stamp(path) for path in folder.rglob("*") if path.is_file()}
         prepare = full_disk(chance) if kind == "disks" else None
-        result = run(folder, *command, prepare=prepare)
+        results.append(result := run(folder, *command, prepare=prepare))
         found = judge(result, base, (0, 1, 2) if kind == "disks" else (0, 2))
         found += [f"left over: {re.sub(r'[0-9a-f]{6,}|[0-9]+', 'N', name)}" for name in leftovers(folder)]
-        if result.code == 2 and any(path.is_file() and path not in before for path in folder.rglob("*")):
+        after = {path: file_stamp(path) for path in folder.rglob("*") if path.is_file()}
+        if result.code == 2 and before != after:
             found.append("refused, and wrote a file")
         if found:
             faults += found
@@ -641,7 +711,7 @@ def attack(
             (folder / "stderr.txt").write_text(result.err, encoding="utf-8", errors="backslashreplace")
         if result.code != 0:
             break
-    return list(dict.fromkeys(faults)), shown
+    return list(dict.fromkeys(faults)), shown, results
 
 
 def minimal(folder: Path, command: tuple[str, ...], faults: list[str], base: int, tries: int = 60) -> None:
@@ -666,36 +736,76 @@ def minimal(folder: Path, command: tuple[str, ...], faults: list[str], base: int
     scene.write_bytes(b"".join(lines))
 
 
-def campaign(minutes: float, seed: int, kinds: list[str], count: int | None, out: Path) -> dict:
-    """Attacks until the time is over, or `count` of them; the counts of inputs and of faults."""
+def campaign(minutes: float, seed: int, kinds: list[str], numbers: range | None, out: Path) -> list[dict]:
+    """Attacks until the time is over, or those of `numbers`; a row of what was found for each kind."""
     end = time.monotonic() + 60 * minutes
     base = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-    inputs: Counter[str] = Counter()
+    rows: dict[str, dict] = {}
     faults: Counter[str] = Counter()
     shutil.rmtree(out, ignore_errors=True)
-    weights = [SHARE[kind] for kind in kinds]
-    number = 0
-    while (number < count) if count else (time.monotonic() < end):
+    for number in numbers or itertools.count():
+        if numbers is None and time.monotonic() > end:
+            break
         chance = random.Random(f"{seed} {number}")
-        (kind,) = chance.choices(kinds, weights)
+        (kind,) = chance.choices(kinds, [SHARE[kind] for kind in kinds])
         with tempfile.TemporaryDirectory(prefix="attack-") as name:
             folder = Path(name) / "home"
             folder.mkdir()
-            found, shown = attack(kind, folder, chance, base)
-            inputs[kind] += 1
+            begun = time.monotonic()
+            found, shown, results = attack(kind, folder, chance, base)
+            wall = time.monotonic() - begun
+            added = {
+                "inputs": 1,
+                "refused": sum(r.code == 2 for r in results),
+                "faulty": bool(found),
+                "wall": wall,
+            }
+            most = {
+                "slowest": max((r.seconds for r in results), default=0),
+                "peak_mib": max((r.memory for r in results), default=0) >> 20,
+                "refused_mib": max((r.memory for r in results if r.code == 2), default=0) >> 20,
+            }
+            rows[kind] = joined(rows.get(kind), {"seed": seed, "kind": kind, **added, **most})
             for fault in found:
                 faults[f"{kind}: {fault}"] += 1
             if found and max(faults[f"{kind}: {fault}"] for fault in found) <= 3:
                 if shown:
                     minimal(folder, shown[-1], found, base)
                 kept = out / f"{kind}-{number}"
-                shutil.copytree(folder, kept, dirs_exist_ok=True, ignore_dangling_symlinks=True)
+                shutil.copytree(folder, kept, dirs_exist_ok=True, symlinks=True, ignore=_no_pipes)
                 (kept / "attack.json").write_text(
                     json.dumps({"seed": seed, "number": number, "faults": found, "commands": shown}, indent=1)
                 )
                 print(f"{kind} {number}: {', '.join(found)}", file=sys.stderr, flush=True)
-        number += 1
-    return {"seed": seed, "inputs": dict(inputs), "faults": dict(faults)}
+    return list(rows.values())
+
+
+def _no_pipes(folder: str, names: list[str]) -> list[str]:
+    return [name for name in names if (Path(folder) / name).is_fifo()]
+
+
+def joined(old: dict | None, new: dict) -> dict:
+    """Two rows of a kind as one: counts and wall seconds added, the slowest and the largest kept."""
+    if old is None:
+        return new
+    added = {key: round(old[key] + new[key], 1) for key in ("inputs", "refused", "faulty", "wall")}
+    most = {key: round(max(old[key], new[key]), 1) for key in ("slowest", "peak_mib", "refused_mib")}
+    return {**old, **added, **most}
+
+
+def keep(rows: list[dict]) -> None:
+    """Adds rows to those of benchmarks/results/attack.json."""
+    file = ROOT / "benchmarks" / "results" / "attack.json"
+    known = (
+        {(row["seed"], row["kind"]): row for row in json.loads(file.read_text())["rows"]}
+        if file.exists()
+        else {}
+    )
+    for row in rows:
+        key = row["seed"], row["kind"]
+        known[key] = joined(known.get(key), row)
+    machine = f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
+    file.write_text(json.dumps({"machine": machine, "rows": list(known.values())}, indent=1) + "\n")
 
 
 def main() -> int:
@@ -706,15 +816,23 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", nargs="*", choices=list(SHARE), default=list(SHARE))
     parser.add_argument("--count", type=int, help="inputs, instead of minutes")
+    parser.add_argument("--first", type=int, default=0, help="number of the first input, with --count")
+    parser.add_argument(
+        "--keep", action="store_true", help="add the counts to benchmarks/results/attack.json"
+    )
     parser.add_argument(
         "-o", "--output", type=Path, default=ROOT / "out/attack", help="folder of what failed"
     )
     options = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # folders under way are removed
     cv2.setNumThreads(1)
     assert pipeline
-    done = campaign(options.minutes, options.seed, options.only, options.count, options.output)
-    print(json.dumps(done, indent=1))
-    return 1 if done["faults"] else 0
+    numbers = range(options.first, options.first + options.count) if options.count else None
+    rows = campaign(options.minutes, options.seed, options.only, numbers, options.output)
+    if options.keep:
+        keep(rows)
+    print(json.dumps(rows, indent=1))
+    return 1 if any(row["faulty"] for row in rows) else 0
 
 
 if __name__ == "__main__":

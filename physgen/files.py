@@ -12,8 +12,6 @@ from functools import cache
 from hashlib import sha256
 from pathlib import Path
 
-MOST_PIXELS = 100_000_000
-"""A larger picture is refused before it is decoded."""
 EXIF_ORIENTATION = 0x0112
 """Tag of how a camera was held; 1 is upright."""
 SCENE_FORMATS = ("PNG", "JPEG", "WEBP")

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from physgen.files import back_up, write_with_backup
 from physgen.photos import open_picture, picture_size, read_channels, read_image
-from physgen.problems import InputError
+from physgen.problems import InputError, Limit, Place
 
 U8 = NDArray[np.uint8]
 U16 = NDArray[np.uint16]
@@ -62,10 +62,6 @@ class Percepts:
         return np.where(covered[self.labels], self.labels, np.uint16(0))
 
 
-MOST_IDS = 10_000
-"""Of a label map: as many as objects of a scene."""
-
-
 def read_labels(path: Path) -> U16:
     """A label map: one channel of ids as it is; the distinct colours of a colour picture numbered, black = 0."""
     with open_picture(path) as image:
@@ -75,9 +71,8 @@ def read_labels(path: Path) -> U16:
     raw = read_channels(path)
     labels = _label_ids(raw, path)
     count = np.count_nonzero(np.bincount(labels.ravel()))
-    if count > MOST_IDS:
-        found, fix = f"{count:,} ids", f"give each object one colour; at most {MOST_IDS:,}"
-        raise InputError.of(str(path), found, "are too many for a label map", fix)
+    if count > Limit.IDS.most:
+        raise Limit.IDS.error(Place(str(path)), found=f"{count:,} ids")
     return labels
 
 

@@ -18,9 +18,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.files import EXIF_ORIENTATION, FORMATS, MOST_PIXELS, SCENE_FORMATS
+from physgen.files import EXIF_ORIENTATION, FORMATS, SCENE_FORMATS
 from physgen.photometry import decode, encode_u8
-from physgen.problems import InputError
+from physgen.problems import InputError, Limit, Place
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -135,10 +135,9 @@ def open_picture(path: Path, formats: tuple[str, ...] = FORMATS) -> Iterator[Ima
     """Pillow's view of a picture, its size checked before pixels are decoded. Raises InputError."""
     from PIL import Image, UnidentifiedImageError
 
-    def problem(expected: str, fix: str, found: str = "") -> InputError:
-        return InputError.of(str(path), found, expected, fix)
+    def problem(expected: str, fix: str) -> InputError:
+        return InputError.of(str(path), "", expected, fix)
 
-    smaller = "is over 100 megapixels", "make the picture smaller"
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # Pillow warns below our own limit
@@ -150,15 +149,15 @@ def open_picture(path: Path, formats: tuple[str, ...] = FORMATS) -> Iterator[Ima
     except PermissionError:
         raise problem("may not be read", "change its permissions") from None
     except Image.DecompressionBombError:
-        raise problem(*smaller) from None
+        raise Limit.PIXELS.error(Place(str(path))) from None
     except UnidentifiedImageError:
         raise problem("is not a picture that can be read", "save it as PNG or JPEG") from None
     except Exception as error:  # for damaged headers Pillow's readers raise errors of many kinds
         raise _damaged(path, error) from None
     with image:
         width, height = image.size
-        if width * height > MOST_PIXELS:
-            raise problem(*smaller, f"{width} x {height} px")
+        if width * height > Limit.PIXELS.most:
+            raise Limit.PIXELS.error(Place(str(path)), found=f"{width} x {height} px")
         if (kind := _unusual(image, path)) is not None:
             raise problem(f"is {kind}, which is not read", "save it as PNG of 8 or 16 bits")
         yield image

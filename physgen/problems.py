@@ -116,6 +116,67 @@ class InputError(Exception):
         return cls([Problem(Place(file), "", found, expected, fix)])
 
 
+MIB = 2**20
+_UNITS = {"MiB": MIB, "GiB": 1024 * MIB, "megapixels": 10**6}
+
+
+class Limit(Enum):
+    """What an input holds at most, since it may come from anybody; docs/scene.md lists all of them.
+
+    Each is the amount and its unit, what it counts, the message beyond it with `{}` for the amount, what to do, and the
+    reason for the amount. Corners of outlines and ranges of values are limited by the schema.
+    """
+
+    BYTES = (8 * MIB, "MiB", "size of a scene file", "larger than {}", "keep pixels in image files",
+             "10,000 objects, each with an outline of 50 corners")  # fmt: skip
+    DEPTH = (50, "levels", "nesting", "nested deeper than {}", "nest less", "far more than the schema's 9")
+    VALUES = (500_000, "values", "keys and values of a file", "more than {}", "keep pixels in image files",
+              "what 8 MiB hold; some seconds to check")  # fmt: skip
+    OBJECTS = (10_000, "objects", "objects", "more than {}", "split the scene", "a step takes 0.1 s")
+    EXTENDS = (10, "files", "files that extend each other", "is one of more than {} that extend each other",
+               "extend fewer files", "far more than people keep in mind")  # fmt: skip
+    CHECKS = (3_000_000, "edits times values", "variants: their edits times the scene's values", "are over {}",
+              "use sweep", "each variant is checked as a whole: some 10 s")  # fmt: skip
+    SET = (200_000, "values", "values that variants set, at each place of a `*`",
+           "sets more than {}, with the edits before it", "name fewer objects", "some 5 s")  # fmt: skip
+    CROSSINGS = (2_000_000, "pairs", "an outline's lines near each other", "is too tangled to check, with over {}",
+                 "simplify it", "a contour of 20,000 corners has some 80,000")  # fmt: skip
+    NAME = (255, "bytes", "name of a file or a folder", "has too long a name", "write a name of at most {}",
+            "what file systems allow")  # fmt: skip
+    PIXELS = (10**8, "megapixels", "photo, map, canvas or video, by its header", "is over {}", "make it smaller",
+              "0.3 GB a picture")  # fmt: skip
+    IDS = (10_000, "ids", "ids of a label map", "are too many for a label map",
+           "give each object one colour; at most {}", "as many as objects")  # fmt: skip
+    PULLS = (1_000_000, "", "fields times objects that each acts on", "of fields on objects are too many",
+             "name the objects of each field, at most {} in all", "every step looks at all: 0.1 s")  # fmt: skip
+    STEPS = (20_000_000, "", "duration times steps_per_second", "from duration times steps_per_second are too many",
+             "make it at most {}", "some hours")  # fmt: skip
+    FRAMES = (100_000, "", "duration times fps times slow", "are too many", "at most {}", "an hour of video")
+    POSES = (20_000_000, "", "samples times objects of one motion", "are too many to hold",
+             "keep samples x objects below {}", "2 GB")  # fmt: skip
+    FILES = (
+        2_000,
+        "files",
+        "files of a pack",
+        "are over the {} of a pack",
+        "pack fewer variants",
+        "200 variants",
+    )
+    PICTURE = (800 * MIB, "MiB", "picture of a pack", "is larger than {}", "make it smaller",
+               "100 megapixels of 4 channels of 16 bits, not compressed")  # fmt: skip
+    PACK = (2048 * MIB, "GiB", "pack, and its files together", "is larger than {}", "make its photo smaller",
+            "it is held in memory")  # fmt: skip
+
+    def __init__(self, most: int, unit: str, what: str, expected: str, fix: str, reason: str) -> None:
+        self.most, self.what, self.reason = most, what, reason
+        self.amount = f"{most // _UNITS.get(unit, 1):,} {unit}".strip()
+        self.expected, self.fix = expected.format(self.amount), fix.format(self.amount)
+
+    def error(self, place: Place, path: str = "", found: str = "") -> InputError:
+        """The error that it was exceeded."""
+        return InputError([Problem(place, path, found, self.expected, self.fix)])
+
+
 # Refusals of the editor, and of edits of a file
 
 

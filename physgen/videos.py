@@ -11,10 +11,9 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.files import MOST_PIXELS
 from physgen.photometry import decode, encode_u8
 from physgen.photos import decode_picture, open_picture, read_channels, read_photo
-from physgen.problems import InputError
+from physgen.problems import InputError, Limit, Place
 from physgen.text import natural
 
 U8 = NDArray[np.uint8]
@@ -84,9 +83,8 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
             if not streams:
                 raise InputError.of(str(path), "", "has no moving picture", "name a video")
             stream = streams[0]
-            if stream.width * stream.height > MOST_PIXELS:
-                found = f"{stream.width} x {stream.height} px"
-                raise InputError.of(str(path), found, "is over 100 megapixels", "make the video smaller")
+            if stream.width * stream.height > Limit.PIXELS.most:
+                raise Limit.PIXELS.error(Place(str(path)), found=f"{stream.width} x {stream.height} px")
             yield container, stream
 
 

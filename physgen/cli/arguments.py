@@ -14,12 +14,15 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from physgen.problems import InputError
+from physgen.text import quoted
 
 WRONG_INPUT = 2
 """Exit code of wrong flags and wrong files."""
 FORMATS = ("mp4", "gif", "webp", "png")
 LONGEST_NAME = 200
 """Bytes of an output's name: a file system takes 255, and partial and backed-up files have longer names."""
+LONGEST_MESSAGE = 500
+"""Characters of a message about wrong flags, which repeats what was written."""
 REMOVED = Path(__file__).with_name("removed.json")
 """Flags and measures of the version before, with what to use in their place; for one version."""
 
@@ -94,7 +97,9 @@ class Parser(argparse.ArgumentParser):
             close = get_close_matches(wrong[2], [word.strip(" '") for word in wrong[3].split(",")], 1, 0.6)
             if close:
                 message = f"argument {wrong[1]}: invalid choice: '{wrong[2]}', did you mean {close[0]}?"
-        self.exit(WRONG_INPUT, f"{self.prog}: {message}; see {self.prog} --help\n")
+        self.exit(
+            WRONG_INPUT, f"{self.prog}: {quoted(message, '', LONGEST_MESSAGE)}; see {self.prog} --help\n"
+        )
 
 
 def _output(kind: Callable[[str], Any]) -> Callable[[str], Any]:

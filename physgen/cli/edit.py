@@ -20,18 +20,19 @@ from physgen.text import listed, nearest
 
 NEEDED = ("fastapi", "filelock", "uvicorn")
 SCENES = (".yaml", ".yml", ".physgen")
+LOOPBACK = ("127.0.0.1", "::1", "localhost")
 
 
 def edit(options: argparse.Namespace) -> int:
     _check_installed("edit")
     if options.output.exists() and not options.output.is_dir():
         raise InputError.of(str(options.output), "", "is a file", "name a folder with -o")
-    scene = _scene(options)
+    scene, host = _scene(options), options.host.strip() or LOOPBACK[0]
     from physgen.edit.app import Editor
     from physgen.edit.draft import BusyError
 
     try:
-        editor = Editor(scene, options.host, options.port, options.allow_outside, options.output)
+        editor = Editor(scene, host, options.port, options.allow_outside, options.output)
     except BusyError as busy:
         print_error(f"{scene}: is open in an editor already, at this address")
         _print_address(options, scene, busy.address)
@@ -39,10 +40,10 @@ def edit(options: argparse.Namespace) -> int:
     try:
         if editor.session.recovered:
             print_error(f"{scene}: goes on where the editor ended before it was saved")
-        if options.host not in ("127.0.0.1", "::1", "localhost"):
+        if host not in LOOPBACK:
             print_error(
-                f"--host {options.host}: whoever reaches this machine and has the address, which holds a token, "
-                "can edit the scene, see its photo and render; requests without the token are refused"
+                f"--host {host}: exposes the scene, its photo and renders to whoever reaches this machine and "
+                "has the token in the address, which is not encrypted; requests without it are refused"
             )
         _print_address(options, scene, editor.address)
         if options.browser:
@@ -147,7 +148,7 @@ def add(parser: Parser) -> None:
     parser.option("-o --output", "DIR", Path, about, Path("out"))
     parser.option("--port", "N", whole(0, 65535), "port to listen at; default: a free one")
     about = "name or address to listen at; default: 127.0.0.1, which only this machine can reach"
-    parser.option("--host", "HOST", str, about, "127.0.0.1")
+    parser.option("--host", "HOST", str, about, LOOPBACK[0])
     parser.flag("--no-browser", "only print the address")
     parser.flag("--allow-outside", "let the scene read files outside its folder")
     parser.flag("--json", "print the address as a line of JSON")

@@ -13,14 +13,11 @@ from physgen.compile.shapes import Shapes, shapes_of, snapped_to_boundaries, wal
 from physgen.compile.world import Body, Field, Joint, Push, World, placed_outline, rest_pose, surface
 from physgen.geometry.convex import convex_pieces
 from physgen.geometry.polygon import Disc, Outline, mass_properties, mean_distance
-from physgen.problems import InputError, Problem, Severity
+from physgen.problems import InputError, Limit, Problem, Severity
 from physgen.scene import scene as model
 from physgen.scene.scene import Load, Motion, Object, Scene, Solid, View
 
 Array = NDArray[np.float64]
-
-MOST_PULLS = 1_000_000
-"""Fields times the objects that each acts on: every step looks at all of them."""
 
 
 def pushes_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Push, ...]:
@@ -78,10 +75,8 @@ def fields_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Field, ...]:
         vector = np.array(item.vector, np.float64)
         fields.append(Field(item.name, item.kind, acted_on, vector, item.drag, item.strength, item.soften))
     pulls = sum(len(field.bodies) for field in fields)
-    if pulls > MOST_PULLS:
-        found, expected = f"{pulls:,} pulls", "of fields on objects are too many"
-        fix = f"name the objects of each field, at most {MOST_PULLS:,} in all"
-        raise InputError([Problem(scene.place("fields"), "fields", found, expected, fix)])
+    if pulls > Limit.PULLS.most:
+        raise Limit.PULLS.error(scene.place("fields"), "fields", f"{pulls:,} pulls")
     return tuple(fields)
 
 
@@ -141,10 +136,6 @@ INERTIA = {Solid.SPHERE: 2 / 5, Solid.DISC: 1 / 2, Solid.HOOP: 1.0}
 
 EARTH = 9.8
 """m/s²."""
-MOST_STEPS = 20_000_000
-"""Engine steps of one simulation: some hours."""
-MOST_FRAMES = 100_000
-"""As the schema allows `render.frames`."""
 
 
 @dataclass(frozen=True)
@@ -180,10 +171,8 @@ def compile_scene(scene: Scene, labels: U16 | None) -> Compiled:
 def check_steps(scene: Scene) -> None:
     """Raises InputError where a simulation would take days."""
     steps = scene.world.duration * scene.world.steps_per_second
-    if steps > MOST_STEPS:
-        place, found = scene.place("world.duration"), f"{steps:,.0f} steps"
-        expected = "from duration times steps_per_second are too many"
-        raise InputError([Problem(place, "world", found, expected, f"make it at most {MOST_STEPS:,}")])
+    if steps > Limit.STEPS.most:
+        raise Limit.STEPS.error(scene.place("world.duration"), "world", f"{steps:,.0f} steps")
 
 
 def compile_shapes(scene: Scene, shapes: Shapes) -> Compiled:
@@ -234,13 +223,13 @@ def frame_times(scene: Scene) -> Array:
     """
     duration, render = scene.world.duration, scene.render
     rate = render.fps * render.slow
-    if render.frames is None and rate * duration > MOST_FRAMES:
+    if render.frames is None and rate * duration > Limit.FRAMES.most:
         found = f"{rate * duration:,.0f} frames"
         slow = " times slow" if render.slow != 1 else ""
         smaller = "duration, fps or slow" if slow else "duration or fps"
-        fix = f"write render.frames, at most {MOST_FRAMES:,}, or a smaller {smaller}"
+        fix = f"write render.frames, {Limit.FRAMES.fix}, or a smaller {smaller}"
         place = scene.place("render.slow" if slow else "render.fps")
-        expected = f"from duration times fps{slow} are too many"
+        expected = f"from duration times fps{slow} {Limit.FRAMES.expected}"
         raise InputError([Problem(place, "render", found, expected, fix)])
     if render.frames is not None:
         return np.arange(render.frames, dtype=np.float64) * (duration / render.frames)

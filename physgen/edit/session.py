@@ -20,8 +20,8 @@ from physgen.edit.live import Live, Pictures, mask_png, photo_png
 from physgen.edit.masks import PromptSegmenter
 from physgen.edit.operations import Body, Op, SetOp, edited, whole
 from physgen.files import back_up, file_stamp
-from physgen.problems import EditError, InputError, Why, impossible
-from physgen.scene.document import MAX_BYTES, decode
+from physgen.problems import EditError, InputError, Limit, Why, impossible
+from physgen.scene.document import decode
 from physgen.scene.files import scene_bytes
 from physgen.scene.yaml_edit import marked, without_guess_comments
 
@@ -285,9 +285,8 @@ class Session:
     def _push(self, request: EditRequest, text: str, what: str) -> None:
         if text == self.now.text:
             return
-        if len(text.encode()) > MAX_BYTES:
-            message = "the file would be larger than 8 MiB"
-            raise EditError(Why.TOO_LARGE, message, "keep pixels in image files")
+        if len(text.encode()) > Limit.BYTES.most:
+            raise EditError(Why.TOO_LARGE, f"the file would be {Limit.BYTES.expected}", Limit.BYTES.fix)
         tag = None if request.tag is None else f"{request.variant or ''} {request.tag}"
         self._add(State(text, request.what or what, tag, time.time()))
         self._changed()
@@ -398,7 +397,7 @@ class Session:
         """The text of the file; None where it is gone. Raises EditError where it is not text."""
         try:
             with open(self.real, "rb") as stream:
-                return decode(stream.read(MAX_BYTES + 1), str(self.path))
+                return decode(stream.read(Limit.BYTES.most + 1), str(self.path))
         except FileNotFoundError:
             return None
         except (InputError, OSError):

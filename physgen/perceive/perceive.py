@@ -95,6 +95,10 @@ def perceive(
     (`ball-*`). `crew` fills the roles; `asked` are the nouns to search for, for segmenters that take nouns.
     `pixels_per_meter` is the photo's true scale, where the user knows it. Raises InputError where no scene can be made.
     """
+    if min(rgb.shape[:2]) < SMALLEST_SIDE:
+        found_size = f"{rgb.shape[1]} x {rgb.shape[0]} px"
+        fix = f"use a photo of at least {SMALLEST_SIDE} px a side"
+        raise InputError.of("the photo", found_size, "is too small to find objects in", fix)
     run = _Run(rgb, crew or Backends(), progress)
     scenery: Scenery | None = None
     if found is None:
@@ -103,10 +107,6 @@ def perceive(
     if not objects:
         document.relabel_objects(objects, renames, {})
         return run.signed(_empty_scene(rgb, found, pixels_per_meter))
-    if min(rgb.shape[:2]) < SMALLEST_SIDE:
-        found_size = f"{rgb.shape[1]} x {rgb.shape[0]} px"
-        fix = f"use a photo of at least {SMALLEST_SIDE} px a side"
-        raise InputError.of("the photo", found_size, "is too small to find objects in", fix)
     if found.source != "given":
         new = [item for item in objects if item.id not in found.mask_sources]
         found = replace(found, labels=_rounded(found.labels, new))

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from physgen.files import Stamp, file_stamp
 from physgen.pipeline.packs import scene_file
-from physgen.problems import InputError, Problem
+from physgen.problems import InputError, Limit, Place, Problem
 from physgen.progress import Progress, silent
 from physgen.text import quoted
 
@@ -40,8 +40,6 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-MOST_POSES = 20_000_000
-"""Samples times objects of one trajectory: about 2 GB."""
 MOST_HASHES = 20_000
 """Files whose hashes are remembered."""
 MOST_PIXELS = 2_000_000
@@ -102,11 +100,8 @@ def simulate(
     if rate is None:
         return run(world, progress=progress, tape=tape)
     count = int(world.duration * rate + 1e-9) + 1
-    if count * max(len(world.bodies), 1) > MOST_POSES:
-        found = f"{count:,} samples of {len(world.bodies)} objects"
-        raise InputError.of(
-            "--rate", found, "are too many to hold", f"keep samples x objects below {MOST_POSES:,}"
-        )
+    if count * max(len(world.bodies), 1) > Limit.POSES.most:
+        raise Limit.POSES.error(Place("--rate"), found=f"{count:,} samples of {len(world.bodies)} objects")
     return run(world, np.arange(count) / rate, progress, tape=tape)
 
 

@@ -25,7 +25,7 @@ from yaml.events import (
     SequenceStartEvent,
 )
 
-from physgen.problems import InputError, Place, Problem
+from physgen.problems import InputError, Limit, Place, Problem
 from physgen.text import dotted, quoted
 
 Scalar = bool | int | float | str | None
@@ -158,19 +158,13 @@ def whole(node: Node) -> list[int]:
     return [int(item.value) for item in numbers]
 
 
-MAX_BYTES = 8 * 2**20
-MAX_DEPTH = 50
-TOO_DEEP = f"nested deeper than {MAX_DEPTH} levels"
-MAX_NODES = 500_000
-MAX_OBJECTS = 10_000
-
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 def decode(data: bytes, name: str) -> str:
     """Bytes of a scene file -> text; refuses too many bytes and anything but UTF-8."""
-    if len(data) > MAX_BYTES:
-        raise InputError.of(name, "", f"larger than {MAX_BYTES // 2**20} MiB", "keep pixels in image files")
+    if len(data) > Limit.BYTES.most:
+        raise Limit.BYTES.error(Place(name))
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -210,8 +204,8 @@ def read(text: str, source: Source, counted: bool = True) -> Node:
     return root
 
 
-def _stop(place: Place, expected: str, fix: str, path: str = "") -> InputError:
-    return InputError([Problem(place, path, "", expected, fix)])
+def _stop(place: Place, expected: str, fix: str) -> InputError:
+    return InputError([Problem(place, "", "", expected, fix)])
 
 
 class _Reader:
@@ -234,6 +228,7 @@ class _Reader:
         key: str | None = None  # of a mapping, waits for its value
         at: tuple[int, int] | None = None  # where the key is
         documents = nodes = line = column = 0
+        most_nodes, most_levels = Limit.VALUES.most, Limit.DEPTH.most
         for event in events:
             kind = type(event)
             if kind is SequenceEndEvent or kind is MappingEndEvent:
@@ -254,9 +249,8 @@ class _Reader:
                 continue
 
             nodes += 1
-            if nodes > MAX_NODES:
-                much = f"more than {MAX_NODES:,} values"
-                raise _stop(self._place(event), much, "keep pixels in image files")
+            if nodes > most_nodes:
+                raise Limit.VALUES.error(self._place(event))
             if counted:
                 mark = event.start_mark
                 line, column = mark.line + 1, mark.column + 1
@@ -285,8 +279,8 @@ class _Reader:
             if kind is not ScalarEvent:
                 stack.append(node)
                 above = node.value
-                if len(stack) > MAX_DEPTH:
-                    raise _stop(self._place(event), TOO_DEEP, "nest less")
+                if len(stack) > most_levels:
+                    raise Limit.DEPTH.error(self._place(event))
         return root
 
     def _key(self, event: Any, siblings: dict[str, Node], stack: list[Node]) -> str:
@@ -298,12 +292,11 @@ class _Reader:
             self._duplicate(_path(stack, key), siblings[key], self._place(event))
         elif key == "<<" and event.implicit[0]:
             raise _stop(self._place(event), "a merge key `<<`", "use extends or variants")
-        if len(stack) == 2 and len(siblings) == MAX_OBJECTS:
+        if len(stack) == 2 and len(siblings) == Limit.OBJECTS.most:
             top = stack[0].value
             assert isinstance(top, dict)
             if next(reversed(top)) == "objects":
-                much = f"more than {MAX_OBJECTS:,} objects"
-                raise _stop(self._place(event), much, "split the scene", "objects")
+                raise Limit.OBJECTS.error(self._place(event), "objects")
         return key
 
     def _number(self, error: RefusedNumberError, event: Any, path: str) -> None:
@@ -360,7 +353,7 @@ def _syntax(error: yaml.YAMLError, text: str, source: Source) -> Problem:
     if source.name.startswith("--set "):
         place = Place(source.name)
     if "maximum nesting depth" in text_:  # libyaml's own limit, from 0.2.6 on, is met before ours is seen
-        return Problem(place, "", "", TOO_DEEP, "nest less")
+        return Limit.DEPTH.error(place).problems[0]
     fix = next((fix for start, fix in _FIXES if start in text_), "write `key: value`, one a line")
     return Problem(place, "", "", f"not YAML: {text_}", fix)
 

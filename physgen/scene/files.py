@@ -14,14 +14,11 @@ from pathlib import Path
 from typing import Any
 
 from physgen.files import SCENE_FORMATS, Stamp, file_stamp
-from physgen.problems import InputError, Problem
-from physgen.scene.document import MAX_BYTES, Node, Source, decode, read
+from physgen.problems import InputError, Limit, Problem
+from physgen.scene.document import Node, Source, decode, read
 from physgen.scene.overlay import merge
 from physgen.text import shown
 
-MAX_EXTENDS = 10
-MAX_NAME_BYTES = 255
-"""Of a file or a folder: what file systems allow."""
 SUFFIXES = (".yaml", ".yml")
 MAPS = ("masks", "coverage", "background", "clean", "shadows", "depth", "normals", "albedo", "shading")
 """The files `NAME.png` of an assets folder."""
@@ -47,8 +44,8 @@ def confined(
     """The path that `written` means in `folder`; raises RefusedError when it leads out of `within`."""
     if "\0" in written:
         raise RefusedError("has a character that no path can have", "write the name of a file")
-    if max(len(os.fsencode(part)) for part in written.split("/")) > MAX_NAME_BYTES:
-        raise RefusedError("has too long a name", f"write a name of at most {MAX_NAME_BYTES} bytes")
+    if max(len(os.fsencode(part)) for part in written.split("/")) > Limit.NAME.most:
+        raise RefusedError(Limit.NAME.expected, Limit.NAME.fix)
     path = folder / written
     if allow_outside:
         return path
@@ -77,7 +74,7 @@ def scene_bytes(path: Path, name: str) -> bytes:
                 name, "", "is a pipe", "name a file; what a program writes is read as /dev/stdin"
             )
         with open(path, "rb") as stream:
-            return stream.read(MAX_BYTES + 1)
+            return stream.read(Limit.BYTES.most + 1)
     except IsADirectoryError:
         raise InputError.of(name, "", "a folder", "name a scene file in it, e.g. scene.yaml") from None
     except FileNotFoundError:
@@ -134,8 +131,8 @@ def _base(
 
     if not isinstance(link.value, str) or not link.value:
         raise refused("is not a path", "write another scene file, e.g. ../pool/scene.yaml")
-    if depth > MAX_EXTENDS:
-        raise refused(f"is one of more than {MAX_EXTENDS} files that extend each other", "extend fewer files")
+    if depth > Limit.EXTENDS.most:
+        raise refused(Limit.EXTENDS.expected, Limit.EXTENDS.fix)
     try:
         path = confined(link.value, link.source.folder, home, allow_outside, "the folder above the scene's")
     except RefusedError as error:

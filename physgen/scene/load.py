@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import Any, TypeVar
 
 from physgen.files import file_stamp
-from physgen.problems import InputError, Place, Problem
+from physgen.problems import InputError, Limit, Place, Problem
 from physgen.scene import scene as parts
 from physgen.scene.document import Node, Source, children, decode, items, plain, read
 from physgen.scene.files import read_scene, with_bases
@@ -29,10 +29,6 @@ LARGEST_SCALE = 1e6
 """px/m, as the schema allows."""
 EARTH = 9.8
 """m/s², the gravity of the paper's code; times pixels_per_meter where a scene names none."""
-MAX_CHECKS = 3_000_000
-"""Limit of variants and their edits times values of a scene, which bounds the cost of checking every variant."""
-MAX_SET = 200_000
-"""Values that the edits of all variants may set together, those of keys with a star at each place: a few seconds."""
 
 
 class Opened:
@@ -198,20 +194,21 @@ def _problems_of_variants(root: Node, own: Findings, files: Files) -> Iterator[P
         return
     edits = sum(1 + len(children(node)) for _, node in named)
     place = children(root)["variants"].key_place
-    if edits * _values(root) > MAX_CHECKS:
-        yield Problem(place, "variants", "", "are too many for a scene of this size", "use sweep")
+    if edits * _values(root) > Limit.CHECKS.most:
+        yield from Limit.CHECKS.error(place, "variants").problems
         return
     report = Findings()
     report.problems = dict(own.problems)
-    left = MAX_SET
+    left = Limit.SET.most
     for name, node in named:
         changed = root
         try:
             for edit in edits_of_variant(node, name):
                 left -= targets(changed, edit) * _values(edit.value)
                 if left < 0:  # at once: no other problem may be looked for in such a tree
-                    what = f"sets more than {MAX_SET:,} values, with the edits before it"
-                    raise InputError([*own.problems, *edit.problem(what, "name fewer objects").problems])
+                    raise InputError(
+                        [*own.problems, *edit.problem(Limit.SET.expected, Limit.SET.fix).problems]
+                    )
                 changed = apply(changed, edit)
         except InputError as error:
             if left < 0:

@@ -11,12 +11,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from physgen.problems import InputError, Problem
-from physgen.scene.document import MAX_BYTES, Node, Source, children
+from physgen.problems import InputError, Limit, Place, Problem
+from physgen.scene.document import Node, Source, children
 from physgen.scene.files import ASSETS, DATA, beside, read_scene, with_bases
 from physgen.scene.load import load, scene_name
 from physgen.scene.overlay import apply, edit_of_flag, edits_of_variant, variants_of
-from physgen.scene.unpack import CONTENTS, MAX_FILES, MAX_PICTURE, MAX_TOTAL, VERSION, is_plain
+from physgen.scene.unpack import CONTENTS, VERSION, is_plain
 from physgen.text import shown
 
 EPOCH = (1980, 1, 1, 0, 0, 0)
@@ -97,21 +97,19 @@ def _name(node: Node, home: Path, top: str) -> str:
 def _written(file: Path, scene: str, scenes: dict[str, Path], files: dict[str, Path | None]) -> bytes:
     """The bytes of the pack: the scene first, then what it extends, then pictures."""
     members = [scene, *sorted(scenes.keys() - {scene}), *sorted(files)]
-    if len(members) > MAX_FILES:
-        found = f"{len(members):,} files"
-        raise InputError.of(str(file), found, f"are over the {MAX_FILES:,} of a pack", "pack fewer variants")
-    out, left = io.BytesIO(), MAX_TOTAL
+    if len(members) > Limit.FILES.most:
+        raise Limit.FILES.error(Place(str(file)), found=f"{len(members):,} files")
+    out, left = io.BytesIO(), Limit.PACK.most
     page = json.dumps({"pack": VERSION, "scene": scene}, ensure_ascii=False) + "\n"
     with zipfile.ZipFile(out, "w") as archive:
         archive.writestr(_entry(CONTENTS), page.encode("utf-8"))
         for member in members:
             path = scenes.get(member) or files[member]
-            most = MAX_BYTES if member in scenes or posixpath.basename(member) in DATA else MAX_PICTURE
-            data = b"" if path is None else _bytes(path, most)
+            is_text = member in scenes or posixpath.basename(member) in DATA
+            data = b"" if path is None else _bytes(path, Limit.BYTES if is_text else Limit.PICTURE)
             left -= len(data)
             if left < 0:
-                found = f"needs more than {MAX_TOTAL >> 30} GiB"
-                raise InputError.of(str(file), "", found, "make its photo smaller")
+                raise Limit.PACK.error(Place(str(file)))
             archive.writestr(_entry(member), data)
     return out.getvalue()
 
@@ -124,9 +122,9 @@ def _entry(name: str) -> zipfile.ZipInfo:
     return entry
 
 
-def _bytes(path: Path, most: int) -> bytes:
+def _bytes(path: Path, limit: Limit) -> bytes:
     with path.open("rb") as file:
-        data = file.read(most + 1)
-    if len(data) > most:
-        raise InputError.of(str(path), "", f"is larger than {most >> 20} MiB", "make it smaller")
+        data = file.read(limit.most + 1)
+    if len(data) > limit.most:
+        raise limit.error(Place(str(path)))
     return data

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from string import Template
 
-from physgen.files import MOST_PIXELS, SCENE_FORMATS, resource
-from physgen.scene.document import MAX_BYTES, MAX_DEPTH, MAX_NODES, MAX_OBJECTS
-from physgen.scene.files import MAX_EXTENDS, MAX_NAME_BYTES, SUFFIXES
-from physgen.scene.load import MAX_SET
+from physgen.files import SCENE_FORMATS, resource
+from physgen.problems import Limit
+from physgen.scene.files import SUFFIXES
 from physgen.scene.schema import Schema, at, expanded, measure
 from physgen.text import example, listed
 
@@ -45,15 +44,9 @@ def markdown() -> str:
         example=EXAMPLE,
         sections="\n".join("\n".join(_section(path, part)) + "\n" for path, part in _distinct(schema)),
         rivals=listed(dict.fromkeys("/".join(f"`{key}`" for key in group) for group in groups)),
-        extends=MAX_EXTENDS,
-        bytes=MAX_BYTES // 2**20,
-        depth=MAX_DEPTH,
-        nodes=f"{MAX_NODES:,}",
-        set=f"{MAX_SET:,}",
-        objects=f"{MAX_OBJECTS:,}",
+        extends=Limit.EXTENDS.most,
+        limits="\n".join(f"| {row.what} | {row.expected}; {row.fix} |" for row in Limit),
         corners=f"{at('objects.*.shape.polygon')['maxItems']:,}",
-        name=MAX_NAME_BYTES,
-        pixels=MOST_PIXELS // 10**6,
         formats=listed({"WEBP": "WebP"}.get(name, name) for name in SCENE_FORMATS),
         suffixes=listed(f"`{suffix}`" for suffix in SUFFIXES),
     )
@@ -86,15 +79,15 @@ def _section(path: str, schema: Schema) -> Iterator[str]:
     yield ""
     yield schema["description"]
     yield ""
-    yield "| key | value | default | meaning |"
-    yield "|---|---|---|---|"
+    yield "| key | value | meaning |"
+    yield "|---|---|---|"
     for key, part in schema["properties"].items():
-        default = f"`{example(part['default'])}`" if part.get("default", {}) != {} else ""
-        if key in schema.get("required", []):
-            default = "required"
-        value = ", ".join(filter(None, (_value(part), part.get("x-unit"))))
-        meaning = f"{part['description']} E.g. `{example(part['examples'][0])}`.".replace("|", "\\|")
-        yield f"| `{key}` | {value} | {default} | {meaning} |"
+        default = f"default `{example(part['default'])}`" if part.get("default", {}) != {} else ""
+        needed = "required" if key in schema.get("required", []) else ""
+        value = ", ".join(filter(None, (_value(part), part.get("x-unit"), default, needed)))
+        sample = f"`{example(part['examples'][0])}`"
+        meaning = part["description"] + (f" E.g. {sample}." if sample not in value else "")
+        yield f"| `{key}` | {value} | " + meaning.replace("|", "\\|") + " |"
 
 
 def _value(part: Schema) -> str:

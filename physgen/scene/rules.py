@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from physgen import registry
-from physgen.files import MOST_PIXELS, Stamp, file_stamp
-from physgen.problems import InputError
+from physgen.files import Stamp, file_stamp
+from physgen.problems import InputError, Limit
 from physgen.scene.document import Node, children, items, plain, whole
 from physgen.scene.files import ASSETS, OUTLINES, RefusedError, confined, image_size, read_scene, recorded
 from physgen.scene.scene import video_size
@@ -34,8 +34,6 @@ OWNER = {
 ONE_OF_TWO = "write only one of the two"
 SAME_POINT = 1e-9
 """px: to what a float of 10^6 px resolves."""
-MAX_PAIRS = 2_000_000
-"""Pairs of lines of an outline that are compared at most: a contour of 100,000 corners needs some 400,000."""
 BLOCK = 16
 """Lines that are compared with all others at a time: bounds the memory where every line is near every other."""
 
@@ -146,10 +144,9 @@ class _Rules:
                 self.add(image.place, "image", shown(image.value), error.expected, error.fix)
         elif not image and "size" in good:
             width, height = whole(good["size"])
-            if width * height > MOST_PIXELS:
-                fix = "make it smaller, e.g. [512, 512]"
-                found = f"{width} x {height}"
-                self.add(good["size"].place, "size", found, "is more than 100 megapixels", fix)
+            if width * height > Limit.PIXELS.most:
+                fix, found = f"{Limit.PIXELS.fix}, e.g. [512, 512]", f"{width} x {height}"
+                self.add(good["size"].place, "size", found, Limit.PIXELS.expected, fix)
             else:
                 self.ground.size = (width, height)
 
@@ -447,15 +444,15 @@ class _Rules:
             return
         if size is not None:
             width, height = whole(size)
-            if width * height > MOST_PIXELS:
-                found, fix = f"{width} x {height}", "make it smaller, e.g. [832, 480]"
-                self.add(size.place, "render.size", found, "is more than 100 megapixels", fix)
+            if width * height > Limit.PIXELS.most:
+                found, fix = f"{width} x {height}", f"{Limit.PIXELS.fix}, e.g. [832, 480]"
+                self.add(size.place, "render.size", found, Limit.PIXELS.expected, fix)
         if scale is not None:
             factor: Any = scale.value
             width, height = video_size(photo, factor, None)
-            if width * height > MOST_PIXELS:
-                most = floor(sqrt(MOST_PIXELS / (photo[0] * photo[1])) * 100) / 100
-                expected = f"makes a video of {width} x {height}, more than 100 megapixels"
+            if width * height > Limit.PIXELS.most:
+                most = floor(sqrt(Limit.PIXELS.most / (photo[0] * photo[1])) * 100) / 100
+                expected = f"makes a video of {width} x {height}, which {Limit.PIXELS.expected}"
                 self.add(scale.place, "render.scale", shown(factor), expected, f"write at most {most:g}")
 
     def in_photo(self, node: Node, path: KeyPath, photo: tuple[int, int]) -> None:
@@ -527,7 +524,7 @@ def outline_problem(points: Sequence[Corner], crossing: bool) -> tuple[str, str]
     flat = abs(area) < 1e-12 * extent
     if extent > 0 and crossing and (pair := _crossing(tuple(points))) is not None:
         if pair == (-1, -1):
-            return "is too tangled to check for crossings", "simplify it"
+            return Limit.CROSSINGS.expected, Limit.CROSSINGS.fix
         found = f"crosses itself: the lines from corners {pair[0]} and {pair[1]}"
         return found, "write the corners in order"
     if extent == 0 or (flat and (crossing or len(points) < 4)):
@@ -537,7 +534,7 @@ def outline_problem(points: Sequence[Corner], crossing: bool) -> tuple[str, str]
 
 @lru_cache(REMEMBERED)
 def _crossing(points: tuple[Corner, ...]) -> tuple[int, int] | None:
-    """First pair of lines that properly cross, by their first corners; (-1, -1) after MAX_PAIRS comparisons."""
+    """First pair of lines that properly cross, by their first corners; (-1, -1) beyond Limit.CROSSINGS."""
     import numpy as np
     import shapely
 
@@ -549,7 +546,7 @@ def _crossing(points: tuple[Corner, ...]) -> tuple[int, int] | None:
         first, second = tree.query(lines[start : start + BLOCK])
         first += start
         compared += len(first)
-        if compared > MAX_PAIRS:
+        if compared > Limit.CROSSINGS.most:
             return (-1, -1)
         hits = (second > first) & shapely.crosses(lines[first], lines[second])
         if hits.any():

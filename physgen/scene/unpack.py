@@ -16,8 +16,7 @@ from collections.abc import Container, Iterator
 from pathlib import Path
 
 from physgen.files import new_folder
-from physgen.problems import InputError
-from physgen.scene.document import MAX_BYTES
+from physgen.problems import InputError, Limit
 from physgen.scene.files import DATA, RefusedError, image_size
 from physgen.text import quoted
 
@@ -30,15 +29,10 @@ MAGIC = b"PK\x03\x04"
 LISTED = b"PK\x01\x02"
 """Begins each entry of a zip's list of its members."""
 
-MAX_FILES = 2_000
-MAX_NAME_BYTES, MAX_PART_BYTES = 1000, 255
-"""Of a name, and of what stands between two strokes of it: what file systems allow."""
+MAX_NAME_BYTES = 1000
+"""Of a name with its folders."""
 MAX_CONTENTS = 2**16
 """Bytes of the contents page."""
-MAX_PICTURE = 800 * 2**20
-"""Bytes of a file of a picture: 100 megapixels of 4 channels of 16 bits, not compressed."""
-MAX_TOTAL = 2 * 2**30
-"""Bytes of all files together, and of the pack."""
 BLOCK = 2**20
 AGAIN = "pack the scene again"
 OTHER = "name a file that physgen pack wrote"
@@ -77,7 +71,7 @@ def is_plain(name: str) -> bool:
     """Whether the name of a file or a folder leads straight down below any folder."""
     plain = name.isprintable() and "\\" not in name and name[1:2] != ":"
     parts = name.split("/")
-    short = len(name.encode()) <= MAX_NAME_BYTES and all(len(p.encode()) <= MAX_PART_BYTES for p in parts)
+    short = len(name.encode()) <= MAX_NAME_BYTES and all(len(p.encode()) <= Limit.NAME.most for p in parts)
     return plain and short and not any(part in ("", ".", "..") for part in parts)
 
 
@@ -87,8 +81,8 @@ def read_pack(path: Path) -> bytes:
         raise InputError.of(str(path), "", "no such file", OTHER)
     if not is_pack(path):
         raise InputError.of(str(path), "", "is no pack", OTHER)
-    if path.stat().st_size > MAX_TOTAL:
-        raise InputError.of(str(path), "", f"is larger than {MAX_TOTAL >> 30} GiB", OTHER)
+    if path.stat().st_size > Limit.PACK.most:
+        raise InputError.of(str(path), "", Limit.PACK.expected, OTHER)
     return path.read_bytes()
 
 
@@ -108,7 +102,7 @@ def unpack_to(data: bytes, folder: Path, name: str = "the pack") -> Path:
 
 
 def _write(archive: zipfile.ZipFile, infos: list[zipfile.ZipInfo], folder: Path, name: str) -> None:
-    left = MAX_TOTAL
+    left = Limit.PACK.most
     for info in infos:
         target = folder / info.filename
         is_text = info.filename.endswith(SCENES) or target.name in DATA
@@ -120,7 +114,7 @@ def _write(archive: zipfile.ZipFile, infos: list[zipfile.ZipInfo], folder: Path,
         except (FileExistsError, NotADirectoryError):  # on some disks, names in other cases are the same
             raise InputError.of(name, quoted(info.filename), "is there twice", AGAIN) from None
         with out:
-            for block in _blocks(archive, info, MAX_BYTES if is_text else MAX_PICTURE, left, name):
+            for block in _blocks(archive, info, (Limit.BYTES if is_text else Limit.PICTURE).most, left, name):
                 left -= len(block)
                 out.write(block)
         try:  # what is no scene file must be a picture that a scene may show; no pixel is decoded
@@ -133,8 +127,8 @@ def _archive(data: bytes, name: str) -> zipfile.ZipFile:
     """The zip, its list of members read; refused where that is too long."""
     if not data.startswith(MAGIC):
         raise InputError.of(name, "", "is no pack", OTHER)
-    if data.count(LISTED) > 2 * MAX_FILES:
-        raise InputError.of(name, "", f"lists more files than the {MAX_FILES:,} of a pack", OTHER)
+    if data.count(LISTED) > 2 * Limit.FILES.most:
+        raise InputError.of(name, "", f"lists more than {Limit.FILES.amount}", OTHER)
     try:
         return zipfile.ZipFile(io.BytesIO(data))
     except DAMAGED:
@@ -144,8 +138,8 @@ def _archive(data: bytes, name: str) -> zipfile.ZipFile:
 def _checked(archive: zipfile.ZipFile, name: str) -> list[zipfile.ZipInfo]:
     """The members besides the contents page, checked by names alone."""
     infos = archive.infolist()
-    if len(infos) > MAX_FILES + 1:
-        raise InputError.of(name, f"{len(infos):,} files", f"are over the {MAX_FILES:,} of a pack", OTHER)
+    if len(infos) > Limit.FILES.most + 1:
+        raise InputError.of(name, f"{len(infos):,} files", Limit.FILES.expected, OTHER)
     for info in infos:
         if (found := _fault(info)) is not None:
             raise InputError.of(name, quoted(info.orig_filename), found, AGAIN)
@@ -169,7 +163,7 @@ def _fault(info: zipfile.ZipInfo) -> str | None:
 def _scene(archive: zipfile.ZipFile, names: Container[str], name: str) -> str:
     """Name of the scene file, by the contents page."""
     info = archive.getinfo(CONTENTS)
-    page = b"".join(_blocks(archive, info, MAX_CONTENTS, MAX_TOTAL, name))
+    page = b"".join(_blocks(archive, info, MAX_CONTENTS, Limit.PACK.most, name))
     try:
         contents_page = json.loads(page)
         version, scene = contents_page["pack"], contents_page["scene"]
@@ -198,7 +192,7 @@ def _blocks(
                     expected = f"is larger than {size}"
                     raise InputError.of(name, quoted(info.filename), expected, "keep pixels in pictures")
                 if total > left:
-                    raise InputError.of(name, "", f"holds more than {MAX_TOTAL >> 30} GiB", OTHER)
+                    raise InputError.of(name, "", Limit.PACK.expected, OTHER)
                 yield block
     except DAMAGED:
         raise InputError.of(name, quoted(info.filename), "is damaged", AGAIN) from None

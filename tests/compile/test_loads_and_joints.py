@@ -10,8 +10,7 @@ import pytest
 from pytest import approx
 
 from physgen import pipeline
-from physgen.compile import compile
-from physgen.problems import InputError
+from physgen.problems import InputError, Limit
 from physgen.scene.scene import FieldKind, JointKind
 
 BODY = """\
@@ -93,7 +92,7 @@ fields:
 
 
 def test_endless_pulls_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(compile, "MOST_PULLS", 5)
+    monkeypatch.setattr(Limit.PULLS, "most", 5)
     fields = "".join(f"  f{k}: {{wind: [1, 0], drag: 1}}\n" for k in range(3))
     with pytest.raises(
         InputError, match="fields: 6 pulls of fields on objects are too many; name the objects"

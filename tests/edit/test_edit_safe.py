@@ -13,7 +13,8 @@ from pathlib import Path
 import pytest
 from served import Served, behind_a_server, document
 
-from physgen.edit.app import BODY
+from physgen.cli.main import main
+from physgen.edit.app import BODY, Editor
 from physgen.files import resource
 
 Serve = Callable[..., Served]
@@ -68,6 +69,25 @@ def test_nothing_is_told_or_done_without_the_token(path, method, slide: Served) 
         method, path.replace("{key}", "x"), params={"token": slide.token}, headers={"X-Physgen-Token": ""}
     )
     assert query.status_code == 401  # an address may be seen by others; only the page's own takes it
+
+
+def test_a_server_for_other_machines_says_what_it_exposes_and_wants_the_token(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = str(shutil.copy(resource("schemas").parent / "scenes/physics/05-slide.yaml", tmp_path))
+    with behind_a_server(Path(scene), host="0.0.0.0") as served:
+        for token, status in (("", 401), (served.token, 200)):
+            assert (
+                asked(served, "GET", "/api/state", Host=f"10.1.2.3:{port(served)}", X_Physgen_Token=token)[0]
+                == status
+            )
+    monkeypatch.setattr(Editor, "run", lambda editor: None)
+    assert main(["edit", scene, "--host", "0.0.0.0", "--no-browser"]) == 0
+    out, err = capsys.readouterr()
+    assert "?token=" in out
+    assert "--host 0.0.0.0: exposes the scene, its photo and renders" in err
+    assert main(["edit", scene, "--host", "", "--no-browser"]) == 0  # not all addresses of this machine
+    assert capsys.readouterr().err == ""
 
 
 @pytest.mark.parametrize(

@@ -140,7 +140,7 @@ TEXTS: dict[str, tuple[Callable[[], str], str]] = {
             + "variants:\n"
             + "".join(f"  v{n}: {{objects.*.mass: 1}}\n" for n in range(9000))
         ),
-        "scene.yaml:5004:1: variants: are too many for a scene of this size; use sweep",
+        "scene.yaml:5004:1: variants: are over 3,000,000 edits times values; use sweep",
     ),
     "pattern": (
         lambda: HEAD + "refine: {backend: " + "a" * 10**6 + "!}",
@@ -208,7 +208,7 @@ def _png(width: int, height: int) -> bytes:
 def test_image_of_many_pixels(side: tuple[int, int], tmp_path: Path, here) -> None:
     (tmp_path / "photo.png").write_bytes(_png(*side))
     (tmp_path / "scene.yaml").write_text("physgen: 1\nimage: photo.png\n")
-    assert here() == ['scene.yaml:2:8: image: "photo.png" is over 100 megapixels; make the picture smaller']
+    assert here() == ['scene.yaml:2:8: image: "photo.png" is over 100 megapixels; make it smaller']
 
 
 def test_damaged_images(tmp_path: Path, here) -> None:
@@ -381,10 +381,26 @@ def test_a_photo_of_a_few_rows(tmp_path: Path, capsys: pytest.CaptureFixture[str
     masks[:, 20:40] = 1
     cv2.imwrite(str(tmp_path / "masks.png"), masks)
     cv2.imwrite(str(tmp_path / "photo.png"), masks * 200)
-    assert main(["perceive", str(tmp_path / "photo.png"), "--masks", str(tmp_path / "masks.png")]) == 2
-    assert (
-        "64 x 4 px is too small to find objects in; use a photo of at least 8 px" in capsys.readouterr().err
-    )
+    for flags in ((), ("--masks", str(tmp_path / "masks.png"))):
+        assert main(["perceive", str(tmp_path / "photo.png"), *flags]) == 2
+        said = capsys.readouterr().err
+        assert "64 x 4 px is too small to find objects in; use a photo of at least 8 px" in said
+
+
+def test_a_flag_of_two_lines_is_answered_in_one(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["layer", "scene.yaml", "ball", "x\ny"])
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "x\\ny is not a whole number" in line
+
+
+@pytest.mark.parametrize("record", [b"", b"[" * 10**5, b'{"values": [1]}', b'{"values": {"ball": 3}}', None])
+def test_a_record_of_perceiving_that_cannot_be_read_is_none(record: bytes | None, tmp_path: Path) -> None:
+    (tmp_path / "maps").mkdir()
+    path = tmp_path / "maps" / "perceived.json"
+    os.mkfifo(path) if record is None else path.write_bytes(record)
+    (tmp_path / "scene.yaml").write_text(BALL + "assets: maps\n")
+    assert said(tmp_path) == []
 
 
 def test_a_disk_without_room_for_a_header(tmp_path: Path) -> None:

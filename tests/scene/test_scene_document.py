@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 import yaml
 
-from physgen.problems import InputError
-from physgen.scene.document import MAX_DEPTH, MAX_NODES, Node, Source, decode, plain, read
+from physgen.problems import InputError, Limit
+from physgen.scene.document import Node, Source, decode, plain, read
 
 SOURCE = Source("scene.yaml", Path())
 
@@ -96,8 +96,8 @@ def test_a_byte_order_mark_is_no_text() -> None:
 
 
 def test_the_limits_themselves_are_allowed() -> None:
-    assert plain(tree("a: " + "[" * (MAX_DEPTH - 1) + "]" * (MAX_DEPTH - 1)))
-    assert len(plain(tree("a: [" + "0," * (MAX_NODES - 3) + "]"))["a"]) == MAX_NODES - 3
+    assert plain(tree("a: " + "[" * (Limit.DEPTH.most - 1) + "]" * (Limit.DEPTH.most - 1)))
+    assert len(plain(tree("a: [" + "0," * (Limit.VALUES.most - 3) + "]"))["a"]) == Limit.VALUES.most - 3
 
 
 def test_anything_as_the_value_of_a_flag() -> None:
