@@ -85,3 +85,21 @@ def kills_table(rows: Sequence[Row]) -> list[str]:
         f"those of a run never killed; {end['left'] or 'no'} partial files are left in the end, {end['most_left']} at",
         "most after a kill.",
     )
+
+
+def attack_table(rows: Sequence[Row]) -> list[str]:
+    """What the campaign of hostile inputs found."""
+
+    def total(key: str, *kinds: str) -> int:
+        return sum(round(row[key]) for row in rows if not kinds or row["kind"] in kinds)
+
+    seeds, scenes = len({row["seed"] for row in rows}), total("inputs", "scenes")
+    others = total("inputs") - scenes - total("inputs", "interrupted")
+    return prose(
+        f"From {seeds} seeds: {scenes:,} mutated scenes, {others:,} odd",
+        "assets, pictures, packs, arguments, disks, editors and parallel runs,",
+        f"{total('inputs', 'interrupted')} interrupted renders; {total('refused'):,} commands refused.",
+        f"Faults: {total('faulty') or 'none'} (`benchmarks/attack.py` lists what counts).",
+        f"At most {max(row['slowest'] for row in rows):.1f} s of CPU and {max(row['peak_mib'] for row in rows)} MiB,",
+        f"{max(row['refused_mib'] for row in rows)} MiB where refused (the bar is 954).",
+    )

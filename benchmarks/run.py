@@ -9,6 +9,7 @@
     python benchmarks/run.py batch           # many clips: throughput, what each costs beside its stages, memory
     python benchmarks/run.py cluster         # a Dask cluster against processes, and a worker killed midway
     python benchmarks/run.py kills           # a batch killed 50 times against one that never was
+    python benchmarks/run.py attack          # hostile inputs of three seeds; an hour
     python benchmarks/run.py growth          # cost of 10 to 1,000 bodies, and its plot
     python benchmarks/run.py labels          # ground truth: every format in one pass, beside its encoders
     python benchmarks/run.py fid             # the paper's ablation of physical reasoning; some 15 minutes
@@ -34,6 +35,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from ablations import ablations
+from attack import attacks
 from batch import batch
 from cluster import cluster
 from editor import editor
@@ -185,6 +187,7 @@ PARTS |= {
     "gallery": gallery,
     "batch": batch,
     "kills": kills,
+    "attack": attacks,
     "labels": labels,
     "cluster": cluster,
     "plausibility": plausibility,

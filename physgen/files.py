@@ -66,6 +66,7 @@ def new_folder(final: Path) -> Iterator[Path]:
     final = final.resolve()
     beside = partial(final)
     shutil.rmtree(beside, ignore_errors=True)
+    above = [folder for folder in beside.parents if not folder.exists()]
     beside.mkdir(parents=True)
     try:
         yield beside
@@ -77,6 +78,9 @@ def new_folder(final: Path) -> Iterator[Path]:
             beside.rename(final)
     except BaseException:
         shutil.rmtree(beside, ignore_errors=True)
+        with suppress(OSError):  # one of them is in use by now
+            for folder in above:
+                folder.rmdir()
         raise
 
 

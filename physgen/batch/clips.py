@@ -56,8 +56,9 @@ def find_clips(roots: Sequence[Path]) -> Iterator[FoundClip]:
 def _below(folder: Path, name: str) -> Iterator[FoundClip]:
     try:
         with os.scandir(folder) as entries:
-            inside = {entry.name: entry.is_dir() for entry in entries if not entry.name.startswith(".")}
-    except PermissionError:
+            shown = (entry for entry in entries if not entry.name.startswith("."))
+            inside = {e.name: os.path.isdir(e) if e.is_symlink() else e.is_dir() for e in shown}
+    except OSError:  # it may not be read, or has gone since
         return
     if inside.get(MANIFEST) is False:
         manifest = _read(folder / MANIFEST)

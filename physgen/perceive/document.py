@@ -457,7 +457,7 @@ def write_scene(
     if output is not None:
         folder.mkdir(parents=True, exist_ok=True)
     ours = {*(f"{name}.png" for name in MAPS), OUTLINES, SCHEMA}
-    for file, crc in _recorded(assets, "files").items():
+    for file, crc in recorded(assets, "files").items():
         if file in ours and (assets / file).is_file() and crc32((assets / file).read_bytes()) == crc:
             (assets / file).unlink()  # as it was written: nobody painted in it
     ranges = write_assets(perceived.percepts, assets, keep)
@@ -540,27 +540,22 @@ def perceived_values(document: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
 
 def written_values(assets: Path | None) -> dict[str, dict[str, Any]]:
     """`perceived_values` of the run that wrote these assets; empty where they have no record of it."""
-    values = _recorded(assets, "values").items()
+    values = recorded(assets, "values").items()
     return {name: entry for name, entry in values if isinstance(entry, dict)}
 
 
 def written_scale(assets: Path | None) -> float | None:
     """px/m as the run wrote it that wrote these assets; None where they have no record of it."""
-    scale = _recorded(assets, "world").get("pixels_per_meter")
+    scale = recorded(assets, "world").get("pixels_per_meter")
     return scale if isinstance(scale, int | float) else None
 
 
 def written_suitability(assets: Path | None) -> str:
     """Whether the photo suits, by the run that wrote these assets; `""` where they have no record of it."""
-    found = _recorded(assets, "suitability")
+    found = recorded(assets, "suitability")
     reasons = found.get("reasons")
     told = (str(found.get("verdict", "")), "; ".join(map(str, reasons if isinstance(reasons, list) else ())))
     return ": ".join(filter(None, told))
-
-
-def _recorded(assets: Path | None, key: str) -> dict[str, Any]:
-    """One entry of the record; empty where there is none."""
-    return {} if assets is None else recorded(assets / RECORD, key)
 
 
 def rename_recorded(assets: Path, old: str, new: str) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import cos, hypot, radians, sin
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from physgen.perceive.scale import push_speed
 from physgen.problems import InputError
 from physgen.scene.scene import Motion, Object, Scene, View
-from physgen.text import listed, nearest
+from physgen.text import listed, nearest, quantity
 
 if TYPE_CHECKING:
     from physgen.compile.compile import Compiled
@@ -59,10 +58,8 @@ class _Trial:
 TRIAL = _Trial()
 WORDS = {"right": (1, 0), "left": (-1, 0), "up": (0, -1), "down": (0, 1)}
 """Directions in image axes; two of them are joined by a hyphen: up-right."""
-_SPEED = re.compile(r"([-+.\deE]+)\s*(m/s|cm/s|px/s)?").fullmatch
 LARGEST = 1e9
 """Of the numbers of a shorthand."""
-METERS = {"m/s": 1.0, "cm/s": 0.01}
 
 
 @dataclass(frozen=True)
@@ -230,13 +227,11 @@ def _direction_and_speed(scene: Scene, flag: str, text: str) -> tuple[str, float
     way, sign, rest = (part.strip() for part in text.partition("@"))
     if not sign:
         return way, push_speed(max(scene.size), scene.world.pixels_per_meter)
-    match = _SPEED(rest)
+    in_units = quantity(rest, "px/s", scene.world.pixels_per_meter)
     try:
-        speed = finite(match[1] if match else "")
+        return way, finite(rest if in_units is None else repr(in_units))
     except ValueError:
         raise InputError.of(flag, f'"{rest}"', "is no speed", "write e.g. @2 m/s or @300 px/s") from None
-    unit = match[2] if match else None
-    return way, speed * METERS[unit] * scene.world.pixels_per_meter if unit in METERS else speed
 
 
 def finite(text: str) -> float:

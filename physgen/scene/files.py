@@ -95,9 +95,9 @@ def read_record(path: Path) -> dict[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
-def recorded(path: Path, key: str) -> dict[str, Any]:
-    """One mapping of a `perceived.json`; empty where there is none."""
-    found = read_record(path).get(key)
+def recorded(assets: Path | None, key: str) -> dict[str, Any]:
+    """One mapping of the record of these assets; empty where there is none."""
+    found = None if assets is None else read_record(assets / RECORD).get(key)
     return found if isinstance(found, dict) else {}
 
 

@@ -198,7 +198,7 @@ class _Rules:
             self.ground.outlines[int(key)] = crc.value, plain(shape)
 
     def record(self, path: Path) -> None:
-        self.ground.perceived = recorded(path, "values")
+        self.ground.perceived = recorded(path.parent, "values")
 
     def map_file(self, path: Path) -> None:
         size, canvas = self.files.size(path), self.ground.size

@@ -19,6 +19,7 @@ import cv2
 import numpy as np
 import pytest
 
+from physgen.batch.clips import find_clips
 from physgen.cli.main import main
 from physgen.compile.warnings import LIMITS
 from physgen.problems import InputError
@@ -392,6 +393,12 @@ def test_a_flag_of_two_lines_is_answered_in_one(capsys: pytest.CaptureFixture[st
         main(["layer", "scene.yaml", "ball", "x\ny"])
     (line,) = capsys.readouterr().err.splitlines()
     assert "x\\ny is not a whole number" in line
+
+
+def test_links_that_lead_nowhere_end_no_search(tmp_path: Path) -> None:
+    (tmp_path / "gone").symlink_to("nowhere")
+    (tmp_path / "self").symlink_to("self")
+    assert list(find_clips([tmp_path])) == []
 
 
 @pytest.mark.parametrize("record", [b"", b"[" * 10**5, b'{"values": [1]}', b'{"values": {"ball": 3}}', None])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 import os
-import shutil
 import stat
 import struct
 import tempfile
@@ -222,8 +221,8 @@ def test_no_name_leads_out(names: list[str]) -> None:
         data = pack(*((name, b"" if name.endswith("/") else png()) for name in names))
     except (UnicodeEncodeError, ValueError, IndexError):  # no zip has such a name
         return
-    root = Path(tempfile.mkdtemp())
-    try:
+    with tempfile.TemporaryDirectory() as folder:
+        root = Path(folder)
         home = root / "home"
         if (said := refusal(data, home / "new")) is not None:
             assert said.isprintable()
@@ -235,22 +234,6 @@ def test_no_name_leads_out(names: list[str]) -> None:
         written = (zipfile.ZipInfo(name).filename for name in names)  # what a writer makes of a zero byte
         files = {name for name in written if not name.endswith("/")}
         assert found == {"a/scene.yaml", *files}
-    finally:
-        shutil.rmtree(root)
-
-
-@given(at=st.integers(min_value=0), value=st.integers(0, 255), cut=st.integers(0, 40))
-def test_damage_is_told_or_does_no_harm(at: int, value: int, cut: int) -> None:
-    data = bytearray(pack(("a/p.png", png()), how=zipfile.ZIP_DEFLATED if at % 2 else zipfile.ZIP_STORED))
-    data[at % len(data)] = value
-    root = Path(tempfile.mkdtemp())
-    try:
-        if refusal(bytes(data[: len(data) - cut // 20]), root / "new") is not None:
-            assert list(root.iterdir()) == []
-            return
-        assert (root / "new" / "a" / "scene.yaml").read_bytes() == SCENE
-    finally:
-        shutil.rmtree(root)
 
 
 def test_a_pack_is_no_scene_file(tmp_path: Path) -> None:
