@@ -521,7 +521,7 @@ def disks(folder: Path, chance: random.Random) -> Iterator[tuple[str, ...]]:
 
 
 def full_disk(chance: random.Random) -> Callable[[], None]:
-    room = chance.choice((0, 10, 1000, 20_000, 100_000))
+    room = chance.choice((3000, 20_000, 100_000))  # the message goes to a file, too
 
     def prepare() -> None:
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # a write beyond the room fails, as on a full disk
@@ -548,7 +548,8 @@ def render_command(out: Path) -> list[str]:
 
 def interrupted(folder: Path, chance: random.Random) -> list[str]:
     """A render stopped at a random moment, then run again: whole clips under their names, and nothing left over."""
-    command = render_command(folder / "clips")
+    command, temporary = render_command(folder / "clips"), folder / "tmp"
+    temporary.mkdir()
     sent = chance.choice((signal.SIGINT, signal.SIGTERM, signal.SIGKILL))
     process = subprocess.Popen(
         command,
@@ -556,6 +557,7 @@ def interrupted(folder: Path, chance: random.Random) -> list[str]:
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        env={**os.environ, "TMPDIR": str(temporary)},
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )
     time.sleep(chance.uniform(0, 2.5))
@@ -564,6 +566,7 @@ def interrupted(folder: Path, chance: random.Random) -> list[str]:
     faults = ["traceback or a library's warning"] if NOISE.search(err) and process.returncode != 1 else []
     if sent != signal.SIGKILL:
         faults += [f"left over after {sent.name}: {name}" for name in leftovers(folder)]
+    faults += [f"left over after {sent.name}: {path}" for path in temporary.iterdir()]
     again = subprocess.run(command, capture_output=True, text=True, timeout=HANG)
     faults += (
         []
@@ -770,7 +773,8 @@ def campaign(minutes: float, seed: int, kinds: list[str], numbers: range | None,
                 "peak_mib": max((r.memory for r in results), default=0) >> 20,
                 "refused_mib": max((r.memory for r in results if r.code == 2), default=0) >> 20,
             }
-            rows[kind] = joined(rows.get(kind), {"seed": seed, "kind": kind, **added, **most})
+            row = {"seed": seed, "kind": kind, **dict.fromkeys((*added, *most), 0)}
+            rows[kind] = joined(rows.get(kind, row), {**added, **most})
             for fault in found:
                 faults[f"{kind}: {fault}"] += 1
             if found and max(faults[f"{kind}: {fault}"] for fault in found) <= 3:
@@ -789,10 +793,8 @@ def _no_pipes(folder: str, names: list[str]) -> list[str]:
     return [name for name in names if (Path(folder) / name).is_fifo()]
 
 
-def joined(old: dict | None, new: dict) -> dict:
+def joined(old: dict, new: dict) -> dict:
     """Two rows of a kind as one: counts and wall seconds added, the slowest and the largest kept."""
-    if old is None:
-        return new
     added = {key: round(old[key] + new[key], 1) for key in ("inputs", "refused", "faulty", "wall")}
     most = {key: round(max(old[key], new[key]), 1) for key in ("slowest", "peak_mib", "refused_mib")}
     return {**old, **added, **most}
@@ -818,7 +820,7 @@ def keep(rows: list[dict]) -> None:
     )
     for row in rows:
         key = row["seed"], row["kind"]
-        known[key] = joined(known.get(key), row)
+        known[key] = joined(known[key], row) if key in known else row
     machine = f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
     file.write_text(json.dumps({"machine": machine, "rows": list(known.values())}, indent=1) + "\n")
 
