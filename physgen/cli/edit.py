@@ -78,7 +78,6 @@ def edit_file(options: argparse.Namespace) -> int:
     from physgen.edit.live import Live
     from physgen.edit.operations import edited
     from physgen.files import write_atomic
-    from physgen.perceive.document import rename_recorded
     from physgen.problems import EditError
     from physgen.scene.load import Opened
 
@@ -108,8 +107,6 @@ def edit_file(options: argparse.Namespace) -> int:
         raise InputError.of(str(path), "", error.message, error.fix) from None
     Opened(path, options.allow_outside, text).scene()
     write_atomic(path.resolve(), text.encode("utf-8"))
-    if options.command == "rename" and scene.assets is not None:
-        rename_recorded(scene.assets, first, options.to)
     print_line(str(path))
     return OK
 

@@ -15,7 +15,7 @@ from physgen.geometry.convex import convex_pieces
 from physgen.geometry.polygon import Disc, Outline, mass_properties, mean_distance
 from physgen.problems import InputError, Limit, Problem, Severity
 from physgen.scene import scene as model
-from physgen.scene.scene import Load, Motion, Object, Scene, Solid, View
+from physgen.scene.scene import Auto, Load, Motion, Object, Scene, Solid, View
 
 Array = NDArray[np.float64]
 
@@ -253,6 +253,9 @@ def _body(item: Object, outline: Outline, scene: Scene) -> Body:
         pieces = tuple(piece - center for piece in convex_pieces(outline))
         rings = tuple(ring - center for r in outline.rings for ring in (r.outer, *r.holes))
     moving = item.motion is Motion.DYNAMIC
+    # a stored shape's solid is that of a circle, which a mask that was painted over may no longer be
+    stored = isinstance(item.shape, Auto) and item.shape.stored is not None
+    solid = None if stored and radius is None else item.solid
     return Body(
         name=item.name,
         motion=item.motion,
@@ -263,7 +266,7 @@ def _body(item: Object, outline: Outline, scene: Scene) -> Body:
         pieces=pieces,
         rings=rings,
         surface=surface(item.friction, item.elasticity, scene.world.combine),
-        solid=item.solid or (Solid.DISC if radius is not None else Solid.PLATE),
+        solid=solid or (Solid.DISC if radius is not None else Solid.PLATE),
         rolling=item.rolling,
         patch=1.5 * mean_distance(outline, center),
         roll=_roll(item, radius, scene.world.view),

@@ -151,6 +151,9 @@ def _of_one(
         at = {"object": name, "path": value, "line": _line(scene, value) or _line(scene, where)}
         keys = [[]] if len(found) == len(sources) else [[key] for _, key, _ in found]
         ops: list[Data] = [{"unset": [*path, "from", *key]} for key in keys]
+        if name is not None and f"{where}.from" not in scene.places:  # the record has the sources
+            left = {key: sources[key] for key in sources.keys() - {key for _, key, _ in found}}
+            ops = [{"set": [*path, "from"], "value": dict(sorted(left.items()))}]
         yield least, _row("doubt", at, "; ".join(what for *_, what in found), "correct as it is", ops)
 
 

@@ -14,7 +14,7 @@ from physgen.edit.live import CompiledScene, Live
 from physgen.geometry.polygon import Disc, Outline, bounds, mass_properties
 from physgen.maps import Percepts
 from physgen.perceive import document
-from physgen.perceive.refresh import perceived_keys, rewritten, without_edited
+from physgen.perceive.refresh import perceived_keys, rewritten, with_sources
 from physgen.perceive.roles import BoundaryGuess, Detections, Name, PhotoObject
 from physgen.perceive.scale import is_assumed
 from physgen.problems import InputError, impossible
@@ -97,7 +97,7 @@ def begin(live: Live, text: str) -> Correction:
     scene, own = sight.scene, written.get("objects") or {}
     names = [item.name for item in scene.objects if item.name in own]
     plain = {**written, "objects": {name: dict(own[name] or {}) for name in names}}
-    plain = without_edited(plain, document.written_values(scene.assets))
+    plain = with_sources(plain, scene)
     return Correction(live, text, sight, percepts, plain)
 
 
@@ -187,7 +187,9 @@ def written(work: Correction, name: str, made: Data) -> list[Data]:
     ops = [
         {"set": [*path, key], "value": value}
         for key, value in made.items()
-        if key not in was or was[key] != value
+        if key not in was
+        or was[key] != value
+        or key == "from"  # the file may name what a user has changed since
     ]
     gone = [key for key in was if key not in made and (key != "density" or "mass" not in made)]
     return ops + [{"unset": [*path, key]} for key in gone]  # setting a mass drops the density

@@ -7,7 +7,7 @@ import fnmatch
 import json
 import os
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import atan2, degrees, floor
 from pathlib import Path
@@ -29,7 +29,6 @@ from physgen.perceive.roles import (
     Detections,
     Doubt,
     Labels,
-    LightGuess,
     Matter,
     Name,
     PerceivedScene,
@@ -40,15 +39,20 @@ from physgen.perceive.roles import (
 from physgen.perceive.support.viewpoint import DOUBTS
 from physgen.photometry import DistantLight
 from physgen.problems import InputError, Place, Problem, Severity
-from physgen.scene.files import MAPS, OUTLINES, RECORD, read_record, recorded
+from physgen.scene.files import MAPS, OUTLINES, RECORD, recorded
 from physgen.scene.scene import Solid, View
+from physgen.scene.schema import schema_at
 from physgen.scene.write import scene_text
 from physgen.scene.yaml_edit import marked, with_comments, without_guess_comments, write
 
 GENERIC = ("object", "thing")
 """Labels without meaning."""
-MOST_CORNERS = 12
-"""Of a polygon that is written into the scene; longer ones lie in the assets."""
+USUAL = ("friction", "elasticity")
+"""Numbers that the file leaves out at their defaults, which are those of an unknown material."""
+PERHAPS = 0.2
+"""Confidence from which a region is worth a line."""
+LIKELY = 0.1
+"""Chance from which another label is named."""
 SCHEMA = "scene-1.schema.json"
 """Copied into the assets, so that editors complete and check the scene wherever it lies, offline too."""
 
@@ -175,8 +179,12 @@ def object_entries(
             sources["label"] = provenance(
                 labels[item.id].source or label_sources[item.id], labels[item.id].confidence
             )
-            if others := labels[item.id].likely:
-                comments[f"{at}.label"] = "or " + ", ".join(f"{label} {chance:g}" for label, chance in others)
+            likely = [
+                f"{label} {chance:g}"
+                for label, chance in labels[item.id].likely
+                if chance >= LIKELY and label != item.label
+            ]
+            comments[f"{at}.label"] = sources["label"] + (", or " if likely else "") + ", ".join(likely)
         sources["mass"] = provenance(table, its.confidence)
         sources["friction"] = provenance(table, 0.5 * its.confidence + 0.2)
         sources["elasticity"] = sources["friction"]
@@ -186,7 +194,7 @@ def object_entries(
             "mask": item.id,
             "shape": shape_entry(item.outline),
             **({"solid": its.solid.value} if isinstance(item.outline, Disc) else {}),
-            "mass": _short(its.mass),
+            "mass": short(its.mass),
             "friction": max(its.friction, grip),
             "elasticity": its.elasticity,
         }
@@ -212,7 +220,8 @@ def object_entries(
             one["layer"] = layer_of[item.id]
             sources["layer"] = provenance("outlines", max(order.confidence for order in behind))
             comments[f"{at}.layer"] = hides_comment([called[order.behind] for order in behind])
-        comments[f"{at}.mass"] = f"g: {its.reason}"
+        comments[f"{at}.mask"] = f"{sources['mask']}, {shape_words(item.outline, its.solid)}"
+        comments[f"{at}.mass"] = f"g, {sources['mass']}: {its.reason}"
         entries[name] = {**one, "from": sources}
         if item.id in found.prompts:
             entries[name]["prompt"] = dict(found.prompts[item.id])
@@ -253,7 +262,7 @@ def shape_entry(outline: Outline) -> dict[str, Any]:
     """`shape:` of an outline, to 0.01 px; radii are rounded down, so that balls that touch do not overlap."""
     if isinstance(outline, Disc):
         (center,) = corners(outline.center[None])
-        return {"circle": {"center": center, "radius": _short(max(0.01, floor(outline.radius * 100) / 100))}}
+        return {"circle": {"center": center, "radius": short(max(0.01, floor(outline.radius * 100) / 100))}}
     rings = outline.rings
     if len(rings) == 1 and not rings[0].holes:
         if (box := _box(rings[0].outer)) is not None:
@@ -268,6 +277,19 @@ def shape_entry(outline: Outline) -> dict[str, Any]:
     return {"polygons": pieces}
 
 
+def shape_words(outline: Outline, solid: Solid) -> str:
+    """A shape in words: the file leaves its numbers to the assets.
+
+    >>> shape_words(Disc(np.zeros(2), 20.13), Solid.SPHERE)
+    'sphere of radius 20.13'
+    """
+    if isinstance(outline, Disc):
+        return f"{solid.value} of radius {floor(outline.radius * 100) / 100:g}"
+    if len(outline.rings) == 1 and (box := _box(outline.rings[0].outer)) is not None:
+        return "box of {:g} x {:g}".format(*box["size"])
+    return f"outline of {sum(len(ring.outer) for ring in outline.rings)} corners"
+
+
 def _box(points: Array) -> dict[str, Any] | None:
     """`box:` of four corners at right angles, else None."""
     if len(points) != 4:
@@ -277,7 +299,7 @@ def _box(points: Array) -> dict[str, Any] | None:
     if np.hypot(*(sides[0] + sides[2])) > 1e-6 or abs(sides[0] @ sides[1]) > 1e-6 * lengths.max() ** 2:
         return None
     (center, size) = corners(np.array([points.mean(axis=0), lengths[:2]]))
-    angle = _short(round(degrees(atan2(sides[0][1], sides[0][0])), 3) + 0.0)
+    angle = short(round(degrees(atan2(sides[0][1], sides[0][0])), 3) + 0.0)
     box: dict[str, Any] = {"center": center, "size": size}
     return box | ({"angle": angle} if angle else {})
 
@@ -287,19 +309,21 @@ def corners(points: Array) -> list[list[float]]:
     rounded = np.round(points, 2) + 0.0
     fresh = np.any(rounded != np.roll(rounded, 1, axis=0), axis=1)
     kept = rounded[fresh] if fresh.sum() >= 3 else rounded
-    return [[_short(x), _short(y)] for x, y in kept]
+    return [[short(x), short(y)] for x, y in kept]
 
 
-def _short(value: float) -> float:
+def short(value: float) -> float:
     """The number, as a whole one where it is one: 18, not 18.0."""
     return int(value) if float(value).is_integer() else float(value)
 
 
 def wall_entry(wall: Wall) -> dict[str, Any]:
     """One boundary: a segment of two points, a polyline of more."""
-    points = [[_short(x), _short(y)] for x, y in wall.points]
+    points = [[short(x), short(y)] for x, y in wall.points]
     entry: dict[str, Any] = {"segment": points} if len(points) == 2 else {"polyline": points}
-    entry |= {"friction": wall.friction, "elasticity": wall.elasticity}
+    usual = schema_at(("boundaries", wall.name)) or {}
+    for key, value in (("friction", wall.friction), ("elasticity", wall.elasticity)):
+        entry |= {} if value == usual["properties"][key]["default"] else {key: value}
     return entry | {"from": provenance(wall.source, wall.confidence)}
 
 
@@ -317,8 +341,6 @@ def scene_comments(
     objects: Sequence[PhotoObject],
     specks: int,
     boundaries: BoundaryGuess,
-    light: LightGuess,
-    shadows: Shadows,
 ) -> dict[str, str]:
     """Sentences about the source of each guess, by dotted path."""
     sources = {
@@ -329,17 +351,18 @@ def scene_comments(
     how = sources.get(found.source, f"found by {found.source}")
     left_out = f"; {specks} specks of under {SMALLEST_OBJECT} px left out" if specks else ""
     counts = label_counts({t.id: t.label for t in objects})
-    lit = light if shadows.clean is None else shadows
     comments = {
-        "world.view": f"side or top: {boundaries.reason} (confidence {boundaries.confidence:g})",
+        "physgen": "as perceived in a photo: change any number, then physgen render THIS-FILE",
+        "world.view": f"side or top: {boundaries.reason.partition(' and ')[0]} (confidence {boundaries.confidence:g})",
         "objects": f"{counts}, {how}, counted from left to right{left_out}",
-        "light": f"{lit.reason} (confidence {lit.confidence:g})",
     }
     if boundaries.view is View.TOP:
         comments["world.table"] = "friction cannot be seen: 0 lets objects glide for ever, 0.2 is cloth"
     if found.doubtful:
         comments["doubtful"] = "perhaps objects, too: move a line to objects to have one"
-    return comments | {f"boundaries.{wall.name}": wall.reason for wall in boundaries.walls}
+    return comments | {
+        f"boundaries.{wall.name}": wall.reason for wall in boundaries.walls if len(wall.points) == 2
+    }
 
 
 def hides_comment(names: Sequence[str]) -> str:
@@ -420,7 +443,7 @@ def with_doubtful(labels: Labels, doubtful: Sequence[Doubt]) -> tuple[Labels, di
     for doubt in doubtful:
         free = fill_polygon(tuple(doubt.polygon), (labels.shape[1], labels.shape[0])) & (result == 0)
         id_ = int(result.max()) + 1
-        if np.count_nonzero(free) >= SMALLEST_OBJECT and id_ < 65536:
+        if doubt.confidence >= PERHAPS and np.count_nonzero(free) >= SMALLEST_OBJECT and id_ < 65536:
             result[free] = id_
             entries[f"maybe-{len(entries) + 1}"] = {"mask": id_, "confidence": round(doubt.confidence, 2)}
     return result, entries
@@ -471,17 +494,21 @@ def write_scene(
         photo = copy
     head = {"physgen": 1, "image": _relative(photo, folder), "assets": _relative(assets, folder)}
     body = {key: value for key, value in perceived.document.items() if key not in (*head, "maps")}
-    if ranges:
-        body["maps"] = {name: list(bounds) for name, bounds in ranges.items()}
     old: dict[str, Any] = {} if before is None else marked(before).data()
-    explicit = [name for name, was in old.get("objects", {}).items() if "shape" in was]
-    body["objects"], outlines = stored_outlines(body["objects"], perceived.percepts.labels, explicit)
+    body["objects"], outlines = short_entries(
+        body["objects"], perceived.percepts.labels, old.get("objects", {})
+    )
     write_with_backup(assets / OUTLINES, outlines.encode(), keep)
     schema = assets / SCHEMA
     write_with_backup(schema, resource("schemas", SCHEMA).read_bytes(), keep)
-    values = perceived_values(perceived.document)
-    record: dict[str, Any] = {"physgen": __version__, "steps": list(perceived.record), "values": values}
-    record["world"] = {"pixels_per_meter": perceived.document["world"].get("pixels_per_meter")}
+    world = perceived.document.get("world", {}) | perceived.document.get("render", {})
+    record: dict[str, Any] = {
+        "physgen": __version__,
+        "steps": list(perceived.record),
+        "objects": {str(item["mask"]): item for item in perceived.document["objects"].values()},
+        "world": {key: world[key] for key in ("pixels_per_meter", "duration", "slow") if key in world},
+        "maps": ranges,
+    }
     if (suits := perceived.suitability) is not None:
         record["suitability"] = {"verdict": suits.verdict, "reasons": list(suits.reasons)}
     made = sorted(file for file in assets.iterdir() if file.name in ours)
@@ -489,7 +516,7 @@ def write_scene(
     write_atomic(assets / RECORD, json.dumps(record, ensure_ascii=False).encode() + b"\n")
     modeline = _relative(schema, folder)
     if before is None:
-        text = scene_text(head | body, perceived.comments, perceived.header, modeline)
+        text = scene_text(head | body, perceived.comments, schema=modeline)
     else:
         text = _rewritten(before, old, head | body, perceived.comments)
         text = re.sub(r"\A# yaml-language-server: .*", f"# yaml-language-server: $schema={modeline}", text)
@@ -513,41 +540,27 @@ def value_at(document: Mapping[str, Any], key: str) -> object:
     return value
 
 
-def stored_outlines(
-    objects: Mapping[str, Any], labels: Labels, explicit: Collection[str]
+def short_entries(
+    objects: Mapping[str, Any], labels: Labels, written: Mapping[str, Any]
 ) -> tuple[dict[str, Any], str]:
-    """The objects, of which only `explicit` ones have shapes of more corners than are pleasant to read; the others' as
-    `outlines.json`."""
-    short, stored = {}, []
+    """The objects as the file has them, and `outlines.json` with their shapes and solids.
+
+    The file has no shape, solid, `from` or default but where it was `written`, or where the object's mask is no id.
+    """
+    short, stored, usual = {}, [], (schema_at(("objects", "")) or {})["properties"]
     for name, item in objects.items():
-        shape, mask = item.get("shape"), item.get("mask")
-        kept = not isinstance(shape, Mapping) or len(shape.get("polygon", ())) <= MOST_CORNERS
-        if name not in explicit and isinstance(mask, int) and not (kept and "polygons" not in (shape or ())):
-            entry = {"crc": mask_crc(labels, mask), "shape": shape}
+        kept, mask = written.get(name, {}), item.get("mask")
+        if "shape" in item and "shape" not in kept and isinstance(mask, int):
+            ours = ["shape"] if "solid" in kept else ["shape", "solid"]
+            entry = {"crc": mask_crc(labels, mask)} | {key: item[key] for key in ours if key in item}
             stored.append(f"{json.dumps(str(mask))}: {json.dumps(entry)}")
-            item = {key: value for key, value in item.items() if key != "shape"}
-        short[name] = item
+            item = {key: value for key, value in item.items() if key not in ours}
+        short[name] = {
+            key: value
+            for key, value in item.items()
+            if key in kept or (key != "from" and (key not in USUAL or value != usual[key]["default"]))
+        }
     return short, "{\n" + ",\n".join(stored) + "\n}\n"
-
-
-def perceived_values(document: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """Object name -> the values that its `from` names: a refresh takes any other value for the user's."""
-    return {
-        name: {key: item[key] for key in (*item.get("from", {}), "velocity") if key in item}
-        for name, item in document["objects"].items()
-    }
-
-
-def written_values(assets: Path | None) -> dict[str, dict[str, Any]]:
-    """`perceived_values` of the run that wrote these assets; empty where they have no record of it."""
-    values = recorded(assets, "values").items()
-    return {name: entry for name, entry in values if isinstance(entry, dict)}
-
-
-def written_scale(assets: Path | None) -> float | None:
-    """px/m as the run wrote it that wrote these assets; None where they have no record of it."""
-    scale = recorded(assets, "world").get("pixels_per_meter")
-    return scale if isinstance(scale, int | float) else None
 
 
 def written_suitability(assets: Path | None) -> str:
@@ -556,15 +569,6 @@ def written_suitability(assets: Path | None) -> str:
     reasons = found.get("reasons")
     told = (str(found.get("verdict", "")), "; ".join(map(str, reasons if isinstance(reasons, list) else ())))
     return ": ".join(filter(None, told))
-
-
-def rename_recorded(assets: Path, old: str, new: str) -> None:
-    """What perception wrote of an object goes by its new name, so that a refresh still knows the user's numbers."""
-    record = read_record(assets / RECORD)
-    values = record.get("values")
-    if isinstance(values, dict) and old in values:
-        values[new] = values.pop(old)
-        write_atomic(assets / RECORD, json.dumps(record, ensure_ascii=False).encode() + b"\n")
 
 
 def _free_of_maps(name: str) -> str:

@@ -159,8 +159,8 @@ def import_physgen(
     document["render"] = {"fps": max(1, round(sim.frames / sim.duration, 3)), "frames": sim.frames}
     if sim.denoise_strength is not None:
         document["refine"] = {"strength": sim.denoise_strength}
-    header = f"Imported from {folder.name}/sim.yaml of the paper's public code. Run: physgen render THIS-FILE"
-    return PerceivedScene(percepts, document, comments, header, sim.warnings)
+    comments["physgen"] = f"imported from {folder.name}/sim.yaml of the paper's public code"
+    return PerceivedScene(percepts, document, comments, sim.warnings)
 
 
 def outlines_by_kind(labels: NDArray[np.uint16], circle: Mapping[int, bool]) -> dict[int, Outline]:

@@ -57,7 +57,6 @@ from physgen.scene.scene import View
 
 Progress = Callable[[str, int, int], None]
 """Called with the stage that begins, how many are done, and of how many."""
-HEADER = "A photo as physgen perceived it. Change any number and run: physgen render THIS-FILE"
 UNKNOWN = BoundaryGuess(View.SIDE, 0.0, "", ())
 """Before boundaries are found."""
 POINT = "mark them with --masks FILE, --box x,y,w,h or --point x,y"
@@ -159,11 +158,11 @@ def perceive(
         comments["render"] = (
             f"plays {slow} times as slowly as it happens: so small a place is crossed in no time"
         )
-    comments |= document.scene_comments(found, objects, specks, boundaries, light, shadows)
+    comments |= document.scene_comments(found, objects, specks, boundaries)
     unknown = (document.unknown_label(t.label) for t in objects if t.id in names.renamed)
     warnings = tuple(dict.fromkeys(problem for problem in unknown if problem))
     suits = judge_suitability(rgb, found, objects, names.labels, boundaries)
-    return run.signed(PerceivedScene(percepts, scene, comments, HEADER, warnings, suitability=suits))
+    return run.signed(PerceivedScene(percepts, scene, comments, warnings, suitability=suits))
 
 
 @dataclass(frozen=True)
@@ -304,7 +303,7 @@ def _empty_scene(rgb: Rgb, found: Detections, pixels_per_meter: float | None) ->
         clean=None,
     )
     suits = Suitability(("no sure objects",))
-    return PerceivedScene(percepts, scene, comments, HEADER, suitability=suits)
+    return PerceivedScene(percepts, scene, comments, suitability=suits)
 
 
 def _rounded(labels: Labels, objects: Sequence[PhotoObject]) -> Labels:
@@ -319,7 +318,10 @@ def _rounded(labels: Labels, objects: Sequence[PhotoObject]) -> Labels:
 
 
 def _world(boundaries: BoundaryGuess, pixels_per_meter: float, shadows: Shadows) -> dict[str, Any]:
-    world: dict[str, Any] = {"view": boundaries.view.value, "pixels_per_meter": pixels_per_meter}
+    world: dict[str, Any] = {
+        "view": boundaries.view.value,
+        "pixels_per_meter": document.short(pixels_per_meter),
+    }
     if boundaries.view is View.TOP:
         world["table"] = {"friction": 0}
     return world | document.view_entry(shadows, boundaries.view is View.SIDE)
@@ -330,7 +332,10 @@ def _light(guess: LightGuess, shadows: Shadows) -> dict[str, Any]:
         source = document.provenance("shading", guess.confidence)
         return document.light_entry(guess.light) | {"from": source}
     source = document.provenance("shadows", shadows.confidence)
-    return document.light_entry(shadows.light) | {"softness": shadows.softness, "from": source}
+    return document.light_entry(shadows.light) | {
+        "softness": document.short(shadows.softness),
+        "from": source,
+    }
 
 
 def shrink_photo(rgb: Rgb, side: int) -> Rgb:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from math import isclose
 from typing import Any
 
 import numpy as np
@@ -17,13 +16,12 @@ import numpy as np
 from physgen.perceive.roles import Detections, Labels, Name, Rgb
 from physgen.perceive.scale import PAPER_SCALE, is_assumed
 from physgen.perceive.segment.prompts import Box, Point, Segmenter, from_prompts
-from physgen.scene.scene import BoxPrompt, MaskId, Object
+from physgen.scene.files import Record, equal
+from physgen.scene.scene import BoxPrompt, MaskId, Object, Scene
 from physgen.text import quantity
 
 OVERLAP = (0.5, 0.3)
 """Share of the smaller mask, and of the old one, from which a new prompt means an existing object."""
-WRITTEN = 1e-5
-"""Relative difference of equal numbers: scenes are written with six digits or more."""
 PIXEL_KEYS = ("mask", "shape", "prompt")
 """Keys of an object that follow its pixels."""
 GLIDING = {"friction": 0}
@@ -118,16 +116,25 @@ def _label_confidence(item: Object) -> float:
     return float(text) if re.fullmatch(r"[01]?\.?\d+", text) else 1.0
 
 
-def follows_scale(scene: Entry, values: Mapping[str, Entry], scale: float | None, side: int) -> bool:
+def with_sources(document: Entry, scene: Scene) -> dict[str, Any]:
+    """A scene's data, in which `from` of each object names what is still as perception wrote it."""
+    sources = {item.name: dict(item.provenance) for item in scene.objects}
+    objects = {
+        name: {**own, "from": sources[name]} if "from" in own or sources[name] else own
+        for name, own in document["objects"].items()
+    }
+    return {**document, "objects": objects}
+
+
+def follows_scale(scene: Entry, record: Record, side: int) -> bool:
     """Whether the scene's scale is perception's, and no number in the scene was made for it.
 
-    `values`, by object, and `scale`, px/m, are what perception wrote, None where that is unknown; `side` is the photo's
-    longer side, px.
+    `side` is the photo's longer side, px.
     """
     moving = ("velocity", "spin", "roll", "density")
     chosen = any(scene.get(key) for key in SCALED_SECTIONS) or "gravity" in scene.get("world", {})
     if chosen or any(
-        key in was and not _same(was[key], values.get(name, {}).get(key, [0, 0]))
+        key in was and not equal(was[key], record.entry(name, was).get(key, [0, 0]))
         for name, was in scene["objects"].items()
         for key in moving
     ):
@@ -136,32 +143,8 @@ def follows_scale(scene: Entry, values: Mapping[str, Entry], scale: float | None
     stated = quantity(stated, "px/m", 1.0) if isinstance(stated, str) else float(stated)
     if stated is None:
         return False
-    return is_assumed(stated, side) if scale is None else _same(stated, scale)
-
-
-def without_edited(scene: Entry, values: Mapping[str, Entry]) -> dict[str, Any]:
-    """The scene's data; `from` no longer names what differs from `values`, which perception wrote, by object."""
-    objects = {}
-    for name, was in scene["objects"].items():
-        wrote = values.get(name, {})
-        sources = {
-            key: source
-            for key, source in was.get("from", {}).items()
-            if key not in wrote or _same(was.get(key), wrote[key])
-        }
-        objects[name] = {**was, "from": sources} if "from" in was else was
-    return {**scene, "objects": objects}
-
-
-def _same(one: object, other: object) -> bool:
-    """Whether two values are equal; numbers but for the digits that are not written."""
-    if isinstance(one, Mapping) and isinstance(other, Mapping):
-        return one.keys() == other.keys() and all(_same(one[key], other[key]) for key in one)
-    if isinstance(one, list | tuple) and isinstance(other, list | tuple):
-        return len(one) == len(other) and all(map(_same, one, other))
-    if isinstance(one, int | float) and isinstance(other, int | float):
-        return isclose(one, other, rel_tol=WRITTEN, abs_tol=WRITTEN)
-    return one == other
+    scale = record.world.get("pixels_per_meter")
+    return is_assumed(stated, side) if scale is None else equal(stated, scale)
 
 
 def user_layers(scene: Entry) -> dict[str, int]:

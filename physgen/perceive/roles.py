@@ -308,8 +308,6 @@ class PerceivedScene:
     """A scene as plain YAML data, valid once the assets are written; the writer of the assets adds `maps`."""
     comments: dict[str, str]
     """Dotted path -> a sentence or more to stand above it."""
-    header: str
-    """The comment at the top of the file."""
     warnings: tuple[Problem, ...] = ()
     record: Sequence[Mapping[str, Any]] = ()
     """How each role ran, where model backends took part."""

@@ -291,7 +291,9 @@ def scale_entry(side: int, given: float | None, found: Scale | None) -> tuple[fl
         return given, "as given"
     if found is not None and found.confidence >= MIN_SCALE_CONFIDENCE:
         return found.pixels_per_meter, f"{found.reason} (confidence {found.confidence:g})"
-    guess = "" if found is None else f"; perhaps {found.pixels_per_meter:g}, {found.reason}"
+    guess = (
+        "" if found is None else f"; perhaps {found.pixels_per_meter:g}, {found.reason.partition(' (')[0]}"
+    )
     return assumed_scale(side), f"assumed: the photo shows {PLAYBACK.width:g} m{guess}"
 
 

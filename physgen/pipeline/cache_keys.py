@@ -25,7 +25,18 @@ from physgen.scene.scene import Scene
 ROOMS = ("compile", "geometry", "perceive", "pipeline", "render", "scene", "simulate")
 """Packages whose code makes unrefined frames; `perceive` fills what objects leave behind."""
 AFTERWARDS = {
-    "Scene": {"name", "folder", "image", "assets", "refine", "places", "document", "variants", "files"},
+    "Scene": {
+        "name",
+        "folder",
+        "image",
+        "assets",
+        "refine",
+        "places",
+        "document",
+        "variants",
+        "files",
+        "record",
+    },
     "Render": {"overlay", "play"},
     "Object": {"label", "provenance", "prompt"},
     "Light": {"provenance"},

@@ -202,7 +202,7 @@ def refresh(
     """
     from physgen.compile.compile import compile_scene
     from physgen.maps import read_percepts
-    from physgen.perceive.document import relabel_objects, write_scene, written_scale, written_values
+    from physgen.perceive.document import relabel_objects, write_scene
     from physgen.perceive.perceive import fit_objects
     from physgen.perceive.perceive import perceive as run
     from physgen.perceive.refresh import (
@@ -211,7 +211,7 @@ def refresh(
         merge_documents,
         start_refresh,
         user_layers,
-        without_edited,
+        with_sources,
     )
     from physgen.perceive.roles import Name
     from physgen.perceive.scale import is_assumed
@@ -238,15 +238,14 @@ def refresh(
         expected = "is part of what was pointed at and has gone"
         fix = "leave the box or point out if it should stay"
         warn(Problem(Place(str(path)), f"objects.{name}", "", expected, fix, Severity.WARNING))
-    values = written_values(scene.assets)
     own = raw_document(path, options.allow_outside)
-    old = without_edited(own, values)
+    old = with_sources(own, scene)
     objects = fit_objects(photo.rgb, begun.found)[0]
     called = {i: name for i, name in begun.found.object_names.items() if name in old["objects"]}
     named, renamed = relabel_objects(objects, options.labels, called)
     labels = begun.found.names
     side = max(scene.size)
-    scaled = follows_scale(old, values, written_scale(scene.assets), side)
+    scaled = follows_scale(old, scene.record, side)
     labels = {**labels, **{item.id: Name(item.label, 1.0) for item in named if item.id in renamed}}
     layers = user_layers(old)
     layer_of = {i: layers[name] for i, name in called.items() if name in layers}
@@ -271,6 +270,6 @@ def refresh(
         perceived = replace(perceived, percepts=replace(perceived.percepts, clean=clean, depth=depth))
     text = None if "extends" in own else path.read_bytes().decode("utf-8-sig")
     comments = {} if text is None else perceived.comments  # only those of values that are new are written
-    perceived = replace(perceived, document=document, comments=comments, header="Perceived again")
+    perceived = replace(perceived, document=document, comments=comments)
     image = scene.image if photo.plain else None
     return write_scene(perceived, image, scene.image.stem, output, options.assets, keep, text)

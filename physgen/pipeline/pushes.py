@@ -171,7 +171,7 @@ def _shown(scene: Scene, shapes: Shapes, item: Object, velocity: tuple[float, fl
 def _comment(scene: Scene, speed: float, way: tuple[float, float]) -> str:
     words = [word for word, (x, y) in WORDS.items() if way[0] * x + way[1] * y > sin(radians(22.5))]
     meters = f"{speed / scene.world.pixels_per_meter:.2g} m/s to the {'-'.join(reversed(words))}"
-    return f"the push that sets the scene in motion, {meters}; [0, 0] leaves it at rest"
+    return f"the push that sets it off, {meters}; [0, 0] leaves it at rest"
 
 
 # Shorthands of the command line

@@ -10,6 +10,9 @@ from __future__ import annotations
 import json
 import os
 import stat
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import isclose, isfinite
 from pathlib import Path
 from typing import Any
 
@@ -180,3 +183,73 @@ def image_size(path: Path) -> tuple[int, int]:
         fix = "save it upright, or let physgen perceive make the scene"
         raise RefusedError("is stored turned and says so in its EXIF data alone", fix)
     return size
+
+
+WRITTEN = 1e-5
+"""Relative difference of equal numbers: scenes are written with six digits or more."""
+LONGEST = 200
+"""Characters of a source, as the schema allows."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """What perception wrote, from `perceived.json` in the assets; empty where that is unknown."""
+
+    objects: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """By id in masks.png, an object's entry with its `from`; of older versions by name, without `from`."""
+    world: Mapping[str, Any] = field(default_factory=dict)
+    maps: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """What 0 and 65535 stand for in depth.png and shading.png."""
+
+    def entry(self, name: str, own: Mapping[str, Any]) -> Mapping[str, Any]:
+        """What was written of an object, whose data is `own` now."""
+        return self.objects.get(str(own.get("mask"))) or self.objects.get(name) or {}
+
+    def sources(self, own: Mapping[str, Any], filled: Mapping[str, Any], name: str) -> dict[str, str]:
+        """`from` of an object: its own, or as it was recorded, without values that a user has changed since.
+
+        `own` is the object's data as it is written, in numbers; `filled` the same with defaults.
+        """
+        wrote = self.entry(name, own)
+        sources = own["from"] if "from" in own else wrote.get("from", {})
+        return {
+            key: text
+            for key, text in sources.items()
+            if key not in wrote or equal(filled.get(key), wrote[key])
+        }
+
+
+def written(path: Path) -> Record:
+    """The record at a path; what has another form than it should is left out."""
+    found = read_record(path)
+    try:
+        entries = found.get("objects") or found.get("values") or {}
+        objects = {
+            key: {**entry, "from": _texts(entry["from"])} if "from" in entry else entry
+            for key, entry in entries.items()
+            if isinstance(entry, dict)
+        }
+        maps = {
+            name: (float(low), float(high))
+            for name, (low, high) in found.get("maps", {}).items()
+            if isfinite(low) and isfinite(high) and low < high
+        }
+        return Record(objects, dict(found.get("world", {})), maps)
+    except (ValueError, TypeError, AttributeError):
+        return Record()
+
+
+def _texts(value: Any) -> dict[str, str]:
+    texts = value.items() if isinstance(value, dict) else ()
+    return {key: text for key, text in texts if isinstance(text, str) and len(text) <= LONGEST}
+
+
+def equal(one: object, other: object) -> bool:
+    """Whether two values are equal; numbers but for the digits that are not written."""
+    if isinstance(one, Mapping) and isinstance(other, Mapping):
+        return one.keys() == other.keys() and all(equal(one[key], other[key]) for key in one)
+    if isinstance(one, list | tuple) and isinstance(other, list | tuple):
+        return len(one) == len(other) and all(map(equal, one, other))
+    if isinstance(one, int | float) and isinstance(other, int | float):
+        return isclose(one, other, rel_tol=WRITTEN, abs_tol=WRITTEN)
+    return one == other

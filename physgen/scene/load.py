@@ -235,7 +235,14 @@ def scene_from_tree(root: Node, name: str, source: Source, ground: Ground) -> pa
 
     Named parts stand in the natural order of their names, so that no number depends on the order of keys in a file.
     """
-    data = with_defaults(plain(root))
+    written = plain(root)
+    data = with_defaults(written)
+    for own_name, own in written.get("objects", {}).items():
+        item = data["objects"][own_name]
+        item["from"] = ground.record.sources(own, item, own_name)
+        stored = ground.outlines.get(own["mask"]) if isinstance(own.get("mask"), int) else None
+        if stored is not None and stored[2] is not None and "shape" not in own:
+            item.setdefault("solid", stored[2])
     for key in ("image", "assets"):
         node = children(root).get(key)
         if node is not None and node.source.folder != source.folder:
@@ -255,10 +262,7 @@ def scene_from_tree(root: Node, name: str, source: Source, ground: Ground) -> pa
         size=ground.size,
         assets=None if ground.assets is None else Path(os.path.realpath(ground.assets)),
         world=_make(parts.Settings, world, table_friction=float(world["table"]["friction"])),
-        objects=tuple(
-            _outlined(replace(item, provenance=_of_guesses(item, data["objects"], ground)), ground)
-            for item in _named(data["objects"], _object)
-        ),
+        objects=tuple(_outlined(item, ground) for item in _named(data["objects"], _object)),
         boundaries=_named(data["boundaries"], _boundary),
         forces=tuple(map(_force, data["forces"])),
         joints=_named(data["joints"], _joint),
@@ -266,7 +270,10 @@ def scene_from_tree(root: Node, name: str, source: Source, ground: Ground) -> pa
         light=_light(data["light"]) if "light" in data else None,
         render=_render(data["render"]),
         refine=refinement(data["refine"]),
-        maps=MappingProxyType({name: _pair(ends) for name, ends in data.get("maps", {}).items()}),
+        maps=MappingProxyType(
+            {**ground.record.maps, **{name: _pair(ends) for name, ends in data.get("maps", {}).items()}}
+        ),
+        record=ground.record,
         places=MappingProxyType(dict(_places(root, ()))),
         document=MappingProxyType(data),
         variants=tuple(data["variants"]),
@@ -337,7 +344,7 @@ def _shape(value: Any) -> parts.Shape:
     if kind == "circle":
         return _make(parts.Circle, part)
     if kind == "box":
-        return _make(parts.Box, part)
+        return _make(parts.Box, {"angle": 0, **part})
     if kind == "polygon":
         return parts.Polygon((parts.Ring(_points(part)),))
     rings = (
@@ -372,18 +379,6 @@ def _object(name: str, item: Mapping[str, Any]) -> parts.Object:
         prompt=_prompt(item["prompt"]) if "prompt" in item else None,
         place=tuple(map(float, [*item["place"], 0][:3])) if "place" in item else None,
     )
-
-
-def _of_guesses(item: parts.Object, objects: Mapping[str, Any], ground: Ground) -> Mapping[str, str]:
-    """`from` of an object without numbers that differ from what perception wrote: these are the user's."""
-    wrote = ground.perceived.get(item.name)
-    if not isinstance(wrote, dict):
-        return item.provenance
-    own = objects[item.name]
-    kept = {
-        key: text for key, text in item.provenance.items() if own.get(key) == wrote.get(key, own.get(key))
-    }
-    return MappingProxyType(kept)
 
 
 def _outlined(item: parts.Object, ground: Ground) -> parts.Object:

@@ -14,7 +14,16 @@ from physgen import registry
 from physgen.files import Stamp, file_stamp
 from physgen.problems import InputError, Limit
 from physgen.scene.document import Node, children, items, plain, whole
-from physgen.scene.files import ASSETS, OUTLINES, RefusedError, confined, image_size, read_scene, recorded
+from physgen.scene.files import (
+    ASSETS,
+    OUTLINES,
+    Record,
+    RefusedError,
+    confined,
+    image_size,
+    read_scene,
+    written,
+)
 from physgen.scene.scene import video_size
 from physgen.scene.schema import advice, at
 from physgen.scene.validate import Findings, check_part
@@ -50,10 +59,9 @@ class Ground:
     size: tuple[int, int] | None = None
     image: Path | None = None
     assets: Path | None = None
-    outlines: dict[int, tuple[int, Any]] = field(default_factory=dict)
-    """Stored shapes by id in masks.png: the CRC of the mask, and the shape as plain data."""
-    perceived: dict[str, Any] = field(default_factory=dict)
-    """Object name -> what perception wrote of it, by key; empty where that is unknown."""
+    outlines: dict[int, tuple[int, Any, str | None]] = field(default_factory=dict)
+    """Stored shapes by id in masks.png: the CRC of the mask, the shape as plain data, and its `solid`."""
+    record: Record = field(default_factory=Record)
 
 
 class Files:
@@ -186,7 +194,7 @@ class _Rules:
                 f"cannot be read: {error.problems[0]}", "remove it, and outlines are fitted"
             ) from None
         for key, entry in children(tree).items():
-            crc, shape = (children(entry).get(part) for part in ("crc", "shape"))
+            crc, shape, solid = (children(entry).get(part) for part in ("crc", "shape", "solid"))
             if not (key.isdecimal() and crc is not None and type(crc.value) is int and shape is not None):
                 raise RefusedError(f"has no outline at {quoted(key)}", "remove it, and outlines are fitted")
             before = len(self.findings.problems)
@@ -195,10 +203,12 @@ class _Rules:
                 continue
             for where, outline, crossing in _outlines(None, children(shape)):
                 self.outline(outline, (key, *where), crossing)
-            self.ground.outlines[int(key)] = crc.value, plain(shape)
+            body = plain(solid) if solid is not None else None
+            known = body if body in at("objects.*.solid")["enum"] else None
+            self.ground.outlines[int(key)] = crc.value, plain(shape), known
 
     def record(self, path: Path) -> None:
-        self.ground.perceived = recorded(path.parent, "values")
+        self.ground.record = written(path)
 
     def map_file(self, path: Path) -> None:
         size, canvas = self.files.size(path), self.ground.size

@@ -16,6 +16,7 @@ from types import MappingProxyType
 from typing import Any
 
 from physgen.problems import Place
+from physgen.scene.files import Record
 
 Size = tuple[int, int]
 """Width and height, px."""
@@ -486,6 +487,8 @@ class Scene:
     refine: Refine
     maps: Mapping[str, tuple[float, float]]
     """What 0 and 65535 stand for in a 16-bit map: `{"depth": (lo, hi), "shading": (lo, hi)}`."""
+    record: Record = field(default_factory=Record, compare=False, repr=False)
+    """What perception wrote of it."""
     places: Mapping[str, Place] = field(
         default_factory=lambda: MappingProxyType({}), compare=False, repr=False
     )

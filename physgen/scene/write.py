@@ -16,7 +16,8 @@ WIDTH = 112
 
 _LONGEST_KEY = 1000  # YAML takes 1024 characters before the colon
 _BLOCK = re.compile(r"world|objects(\.[^.]+)?|boundaries|doubtful|joints|fields|variants|").fullmatch
-_PLAIN = re.compile(r"(?!\.\.\.)[\w./][\w./ ()+*=%-]*(?<! )").fullmatch
+_WRAPPED = re.compile(r"boundaries\.[^.]+|light").fullmatch
+_PLAIN = re.compile(r"(?!\.\.\.)(?:-(?=\d))?[\w./][\w./ ()+*=%-]*(?<! )").fullmatch
 
 
 def scene_text(
@@ -83,8 +84,8 @@ class _Writer:
             or (
                 isinstance(value, Mapping | list)
                 and path[-1:] != ("from",)
-                and len(start) + 1 + len(text) > WIDTH
-                and not _points(value)
+                and len(start) + 1 + len(text) > WIDTH + 8
+                and not (_points(value) or _WRAPPED(where))
             )
             or (isinstance(value, list) and isinstance(value[0], Mapping))
         )
@@ -97,7 +98,7 @@ class _Writer:
         elif comment:
             first = f"{first}  {_comment_lines(comment, '')[0]}"
         if not block:
-            yield from _wrapped(first, start, indent, value)
+            yield from _wrapped(first, start, indent, text)
         elif isinstance(value, Mapping):
             inner = list(self.mapping(value, indent, path, schema))
             if dashed:
@@ -119,19 +120,18 @@ def _comment_lines(text: str, indent: str) -> list[str]:
     return [f"{indent}# {line}".rstrip() for line in clean]
 
 
-def _wrapped(first: str, start: str, indent: str, value: Any) -> Iterator[str]:
-    """A line of points broken into several, at its commas between points."""
-    if len(first) <= WIDTH + 8 or not _points(value):
+def _wrapped(first: str, start: str, indent: str, text: str) -> Iterator[str]:
+    """A line with a value's `text`, over several lines where it is long: broken between points, keys or numbers."""
+    comment = first[len(start) + 1 + len(text) :]
+    if len(first) - len(comment) <= WIDTH + 8 or text[:1] not in "[{":
         yield first
         return
-    line = f"{start} ["
-    for n, item in enumerate(value):
-        text = _flow(item, None) + ("]" if n + 1 == len(value) else ",")
-        if len(line) + len(text) > WIDTH:
+    line = f"{start} "
+    for part in re.split(r"(?<=,) (?=\[|[a-z])" if "[" in text[1:] else r"(?<=,) ", text):
+        if len(line) + len(part) > WIDTH:
             yield line.rstrip()
             line = indent
-        line += text + " "
-    comment = first.rpartition("]")[2] if "]  # " in first else ""
+        line += part + " "
     yield line.rstrip() + comment
 
 

@@ -410,16 +410,17 @@ def _rewritten(text: str, path: KeyPath, value: Any) -> list[Patch]:
 LONGEST, NEAR = 116, 400
 """Columns of a line with a comment behind its value; characters above it in which the comment may stand already."""
 GUESSES = {
-    "mass": ("g: ",),
-    "density": ("g: ",),
-    "friction": ("friction", "ordinary friction", "at least this much"),
-    "layer": ("in front: ",),
-    "motion": ("cut off by the photo's border", "nothing that is seen keeps", "nothing visible"),
-    "label": ("or ",),
-    "velocity": ("the push that sets",),
-    "pixels_per_meter": ("1 px = 1 cm", "assumed: ", "from the ordinary size", "as given"),
-    "view": ("side or top: ",),
-    "table": ("friction cannot be seen",),
+    "label": r"or |[\w ]+ [01](\.\d+)?($|, or )",
+    "mask": r"[\w ]+ [01](\.\d+)?, (sphere|disc|hoop|box|outline) of ",
+    "mass": "g, |g: ",
+    "density": "g: ",
+    "friction": "friction|ordinary friction|at least this much",
+    "layer": "in front: ",
+    "motion": "cut off by the photo's border|nothing that is seen keeps|nothing visible",
+    "velocity": "the push that sets",
+    "pixels_per_meter": "1 px = 1 cm|assumed: |from the ordinary size|as given",
+    "view": "side or top: ",
+    "table": "friction cannot be seen",
 }
 """How comments of perception begin that give the reason of a guess, by key; other comments are the user's."""
 
@@ -456,8 +457,8 @@ def with_comments(text: str, comments: Mapping[str, str]) -> str:
     return text
 
 
-def _without_comment(text: str, path: Sequence[str | int], starts: tuple[str, ...]) -> str:
-    """The text without the comment at a key, behind it or above it, that begins in one of these ways."""
+def _without_comment(text: str, path: Sequence[str | int], start: str) -> str:
+    """The text without the comment at a key, behind it or above it, that begins as the expression `start` says."""
     try:
         parent = find(text, path[:-1])
     except EditError:
@@ -466,13 +467,13 @@ def _without_comment(text: str, path: Sequence[str | int], starts: tuple[str, ..
     if begin is None or not leads(text, begin):
         return text
     lines, line = text.split("\n"), text.count("\n", 0, begin)
-    behind = re.search(rf"\s+#\s+(?:{'|'.join(map(re.escape, starts))}).*$", lines[line])
+    behind = re.search(rf"\s+#\s+(?:{start}).*$", lines[line])
     if behind is not None:
         lines[line] = lines[line][: behind.start()]
         return "\n".join(lines)
     first = line
     while first and lines[first - 1].lstrip().startswith("#"):
         first -= 1
-    ours = (k for k in range(first, line) if lines[k].lstrip(" #").startswith(starts))
+    ours = (k for k in range(first, line) if re.match(start, lines[k].lstrip(" #")))
     del lines[next(ours, line) : line]
     return "\n".join(lines)

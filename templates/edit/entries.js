@@ -55,7 +55,7 @@ export function makePanels(editor, { row, title, heading, deeds, erase, renamed,
               : "",
         }),
         row([...path, "density"], "density", { fallback: () => null }),
-        row([...path, "solid"], "solid", { none: derived(name)?.radius ? "disc, by its shape" : "plate, by its shape" }),
+        row([...path, "solid"], "solid", { none: derived(name)?.ball ? "sphere, as perceived" : derived(name)?.radius ? "disc, by its shape" : "plate, by its shape" }),
         heading("Surface"),
         row([...path, "friction"], "friction"),
         row([...path, "elasticity"], "elasticity"),
@@ -79,7 +79,7 @@ export function makePanels(editor, { row, title, heading, deeds, erase, renamed,
           : [
               row([...path, "velocity"], "velocity", { says: (v) => (v && meter() ? si(Math.hypot(...v) / meter(), "m/s") : "") }),
               row([...path, "spin"], "spin", { step: 45, says: (v) => (v ? si((v * Math.PI) / 180, "rad/s") : "") }),
-              top && item.solid === "sphere" && typeof (item.roll ?? "natural") === "string"
+              top && derived(name)?.ball && typeof (item.roll ?? "natural") === "string"
                 ? row([...path, "roll"], "roll", { kind: "choice", choices: ["natural", "none"] })
                 : null,
             ]),

@@ -220,14 +220,11 @@ def test_a_mask_that_is_painted_over_another_takes_its_pixels(desk: Desk) -> Non
 
 
 def hand_set(desk: Desk, name: str, mass: float) -> None:
-    """A person's own number: `from` says nothing of it."""
+    """A person's own number: it differs from what the record has."""
     entry = desk.entry(name)
     start = desk.text.index(f"  {name}:")
     text = desk.text[start:]
-    text = text.replace(f"mass: {entry['mass']}", f"mass: {mass}", 1)
-    said = f"mass: {entry['from']['mass']}, "
-    assert said in text
-    desk.text = desk.text[:start] + text.replace(said, "", 1)
+    desk.text = desk.text[:start] + text.replace(f"mass: {entry['mass']}", f"mass: {mass}", 1)
     assert desk.entry(name)["mass"] == mass
 
 
@@ -319,24 +316,24 @@ def test_a_label_that_is_typed_sets_the_numbers_that_nobody_set(desk: Desk) -> N
 
 
 def test_what_perception_said_of_a_number_goes_when_a_person_sets_it(desk: Desk) -> None:
-    """Its remark behind the mass and above the friction and the scale; every other line, and a person's own, stays."""
+    """Its remark behind the mass, the label and the scale; every other line, and a person's own, stays."""
     disc, _ = by_place(desk)
     before = desk.text.split("\n")
-    said = [line for line in before if "# g: " in line]
+    said = [line for line in before if "# g, table " in line]
     assert len(said) == 2
     assert any("  # assumed: the photo shows 0.5 m" in line for line in before)
     ops = [
         {"set": ["objects", disc, "mass"], "value": 33},
-        {"set": ["objects", disc, "friction"], "value": 0.11},
+        {"set": ["objects", disc, "label"], "value": "steel ball"},
         {"set": ["world", "pixels_per_meter"], "value": 555},
     ]
     made = edited(desk.text, ops).text
     after = without_guess_comments(made, [op["set"] for op in ops]).split("\n")
     diff = [line for line in difflib.ndiff(made.split("\n"), after) if line[:2] in ("- ", "+ ")]
     added = [line[2:] for line in diff if line[0] == "+"]
-    assert added == ["  pixels_per_meter: 555", "    mass: 33", "    friction: 0.11"]
+    assert added == ["  pixels_per_meter: 555", "    label: steel ball", "    mass: 33"]
     gone = [line[2:].strip() for line in diff if line[0] == "-"]
-    for start in ("mass: 33  # g: ", "friction: 0.11  # ", "pixels_per_meter: 555  # assumed"):
+    for start in ("mass: 33  # g, table ", "label: steel ball  # ", "pixels_per_meter: 555  # assumed"):
         assert [line for line in gone if line.startswith(start)], start
     assert len(gone) == 3
     mine = "\n".join(after).replace("    mass: 33", "    mass: 33  # weighed it")

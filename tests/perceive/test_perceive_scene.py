@@ -16,7 +16,7 @@ from physgen.photos import read_image
 from physgen.problems import InputError
 from physgen.registry import Backends
 from physgen.scene.load import load
-from physgen.scene.scene import Box, Circle, Motion, View
+from physgen.scene.scene import Auto, Box, Circle, Motion, Solid, View
 
 
 def desk() -> tuple[np.ndarray, np.ndarray]:
@@ -70,10 +70,13 @@ def test_a_photo_becomes_a_valid_scene(seen: PerceivedScene, tmp_path: Path):
     assert scene.world.gravity == (0, pytest.approx(9.8 * scene.world.pixels_per_meter))
     assert [o.name for o in scene.objects] == ["ball-1", "block-1", "block-2", "block-3"]
     ball, first, _, last = scene.objects
-    assert isinstance(ball.shape, Circle)
-    assert ball.shape.center == pytest.approx((40, 99), abs=0.3)
-    assert ball.shape.radius == pytest.approx(20, abs=0.4)
-    assert isinstance(first.shape, Box)
+    assert isinstance(ball.shape, Auto)
+    assert isinstance(ball.shape.stored, Circle)
+    assert ball.shape.stored.center == pytest.approx((40, 99), abs=0.3)
+    assert ball.shape.stored.radius == pytest.approx(20, abs=0.4)
+    assert ball.solid is Solid.SPHERE
+    assert isinstance(first.shape, Auto)
+    assert isinstance(first.shape.stored, Box)
     assert last.motion is Motion.STATIC
     assert ball.motion is Motion.DYNAMIC
     assert ball.provenance["mask"] == "given 1"

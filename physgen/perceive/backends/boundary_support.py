@@ -168,10 +168,10 @@ def _floors(
 
 def _reason(group: Sequence[Foot], sloped: bool) -> str:
     if sloped:
-        return "as steep as what lies on it; its friction is what holds that still"
+        return "as steep as what its friction holds"
     if len(group) == 1:
-        return "laid under the one object that nothing else holds there"
-    return f"through the lowest points of {len(group)} objects, touching the shape of each"
+        return "under one object"
+    return f"under {len(group)} objects"
 
 
 def _grip(objects: Sequence[PhotoObject], groups: Groups) -> dict[int, float]:
@@ -194,7 +194,7 @@ def photo_bottom(labels: Labels) -> Wall:
     """The photo's bottom, and as far again to both sides; sides and top are open."""
     height, width = labels.shape
     points = ((-float(width), height - 0.5), (2.0 * width, height - 0.5))
-    reason = "the photo's bottom, so that what falls stays in sight; sides and top are open"
+    reason = "the photo's; sides and top are open"
     return Wall("bottom", points, FRICTION, ELASTICITY, 1.0, "photo", reason)
 
 
@@ -291,7 +291,7 @@ def find_cushions(photo: Photo, objects: Sequence[PhotoObject]) -> list[Wall]:
             points = np.stack([(height if back % 2 == 0 else width) - 1 - points[:, 1], points[:, 0]], 1)
         lines.append(points)
     corners = [_crossing(lines[k - 1], lines[k]) for k in range(4)]
-    reason = "a straight edge along this side, beyond all objects, or of billiards the photo's border: the table's rail"
+    reason = "the table's rail"
     return [
         Wall(f"cushion-{k + 1}", (corners[k], corners[(k + 1) % 4]), 0.2, CUSHION, 0.5, "edges", reason)
         for k, rail in enumerate(found)

@@ -78,8 +78,12 @@ def _mass(found: Extent, what: Kind, pixels_per_meter: float) -> tuple[float, fl
     if abs(off) < WEIGHING.like and what.spread <= WEIGHING.standard:
         return what.mass, 0.8, ordinary
     if abs(off) < WEIGHING.like:
-        return sqrt(weighed * what.mass), 0.6, f"between {estimate}, and the {what.mass:g} g of {ordinary}"
-    return weighed, 0.4, f"{estimate}; it is not as large as {ordinary}"
+        return (
+            sqrt(weighed * what.mass),
+            0.6,
+            f"between {estimate}, and an ordinary {what.noun}, {what.mass:g} g",
+        )
+    return weighed, 0.4, f"{estimate}; an ordinary {what.noun} has another size"
 
 
 def _stuff(what: Kind) -> str:
@@ -87,11 +91,11 @@ def _stuff(what: Kind) -> str:
 
     >>> from physgen.materials import kind
     >>> _stuff(kind("steel ball")), _stuff(kind("beer bottle"))
-    ('steel, 7.85 g/cm³', 'glass and what is in it, 1.19 g/cm³ in all')
+    ('steel, 7.85 g/cm³', 'glass and content, 1.19 g/cm³')
     """
     name, solid = _name(what.material.name), what.material.density
     if what.holds:
-        return f"{name} and what is in it, {what.density:.3g} g/cm³ in all"
+        return f"{name} and content, {what.density:.3g} g/cm³"
     if abs(what.filled - 1) < 0.01:
         return f"{name}, {solid:g} g/cm³"
     if what.filled > 1:

@@ -87,7 +87,7 @@ def add_supports(
             others = [outline for i, outline in enumerate(outlines) if i != k]
             wall = None
             if tries[k] == 1 and (chain := _wall_to_lean_on(item, found, k, others)):
-                reason = "an object leans to this side and would fall over: something upright is beside it"
+                reason = "holds what leans"
                 wall = wall_of("wall", chain, 0.4, reason)
             # an object that rolls off something seen needs no ledge under it
             if wall is None and not many and (tries[k] == 3 or (tries[k] == 1 and _lies_on(found, k))):
@@ -95,12 +95,12 @@ def add_supports(
                     item, partial(free_parts, others=others), partial(stands, found, len(lost))
                 )
                 if chain:
-                    reason = "nothing seen keeps what lies here from rolling away, so a stop does; without it, it rolls"
+                    reason = "else it rolls away"
                     wall = wall_of("stop", chain, 0.3, reason)
             if wall is None and tries[k] <= 2:
                 tries[k] = 2
                 if chain := _nest(item, others):
-                    reason = "nothing seen holds what lies here, so a short ledge does; without it, it falls"
+                    reason = "else it falls"
                     wall = wall_of("nest", chain, 0.3, reason)
             if wall is None or (many and times == LIMITS.rounds - 1):
                 held.add(item.id)
