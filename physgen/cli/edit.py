@@ -24,7 +24,9 @@ LOOPBACK = ("127.0.0.1", "::1", "localhost")
 
 
 def edit(options: argparse.Namespace) -> int:
-    _check_installed("edit")
+    if missing := [name for name in NEEDED if find_spec(name) is None]:
+        what = f"needs {' and '.join(missing)}, not installed here"
+        raise InputError.of("physgen edit", "", what, 'pip install "physgen[edit]"')
     if options.output.exists() and not options.output.is_dir():
         raise InputError.of(str(options.output), "", "is a file", "name a folder with -o")
     scene, host = _scene(options), options.host.strip() or LOOPBACK[0]
@@ -64,16 +66,8 @@ def edit(options: argparse.Namespace) -> int:
     return OK
 
 
-def _check_installed(command: str) -> None:
-    missing = [name for name in NEEDED if find_spec(name) is None]
-    if missing:
-        what = f"needs {' and '.join(missing)}, not installed here"
-        raise InputError.of(f"physgen {command}", "", what, 'pip install "physgen[edit]"')
-
-
 def edit_file(options: argparse.Namespace) -> int:
     """One edit of objects; all other lines and the comments stay."""
-    _check_installed(options.command)
     from physgen.edit.corrections import correct
     from physgen.edit.live import Live
     from physgen.edit.operations import edited

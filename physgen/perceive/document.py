@@ -234,11 +234,7 @@ def _mask_source(found: Detections, i: int) -> str:
 
 
 def provenance(source: str, confidence: float) -> str:
-    """A source and its confidence, as `from` has it.
-
-    >>> provenance("table", 0.4)
-    'table 0.4'
-    """
+    """A source and its confidence, as `from` has it: table 0.4."""
     return f"{source} {round(confidence, 2):g}"
 
 
@@ -278,11 +274,7 @@ def shape_entry(outline: Outline) -> dict[str, Any]:
 
 
 def shape_words(outline: Outline, solid: Solid) -> str:
-    """A shape in words: the file leaves its numbers to the assets.
-
-    >>> shape_words(Disc(np.zeros(2), 20.13), Solid.SPHERE)
-    'sphere of radius 20.13'
-    """
+    """A shape in words, whose numbers lie in the assets: sphere of radius 20.13."""
     if isinstance(outline, Disc):
         return f"{solid.value} of radius {floor(outline.radius * 100) / 100:g}"
     if len(outline.rings) == 1 and (box := _box(outline.rings[0].outer)) is not None:
@@ -366,21 +358,13 @@ def scene_comments(
 
 
 def hides_comment(names: Sequence[str]) -> str:
-    """A comment on the layer of an object that hides others.
-
-    >>> hides_comment(["ball-1", "ball-2"])
-    'in front: it hides parts of ball-1 and ball-2'
-    """
+    """A comment on the layer of an object that hides others."""
     every = ", ".join(names[:-1]) + (" and " if len(names) > 1 else "") + names[-1]
     return f"in front: it hides parts of {every}"
 
 
 def label_counts(labels: Mapping[int, str]) -> str:
-    """The number of objects of each label.
-
-    >>> label_counts({1: "ball", 2: "block", 3: "ball"})
-    '2 x ball, 1 x block'
-    """
+    """The number of objects of each label: 2 x ball, 1 x block."""
     counts: dict[str, int] = {}
     for label in labels.values():
         counts[label or "object"] = counts.get(label or "object", 0) + 1
@@ -428,11 +412,7 @@ def summary(perceived: PerceivedScene) -> list[str]:
 
 
 def counted(number: int, noun: str) -> str:
-    """A number of objects of one kind.
-
-    >>> counted(1, "shape"), counted(2, "shape")
-    ('1 shape', '2 shapes')
-    """
+    """A number of objects of one kind: 1 shape, 2 shapes."""
     return f"{number:,} {noun}{'s' * (number != 1)}"
 
 

@@ -27,7 +27,6 @@ from physgen.geometry.regions import fit_regions
 from physgen.maps import Percepts, read_labels
 from physgen.perceive.document import light_entry, object_names, provenance, shape_entry, view_entry
 from physgen.perceive.inpaint.poisson import seamless
-from physgen.perceive.perceive import Progress, no_progress
 from physgen.perceive.roles import (
     BoundaryGuess,
     Intrinsics,
@@ -43,6 +42,7 @@ from physgen.photometry import decode as linear_light
 from physgen.photometry import fit_light
 from physgen.photos import read_image
 from physgen.problems import InputError, Place, Problem, Severity
+from physgen.progress import Progress, silent
 from physgen.scene.document import Node, Source, children, decode, plain, read
 from physgen.scene.scene import View
 from physgen.scene.schema import Schema, expand
@@ -118,7 +118,7 @@ class Sim:
 
 
 def import_physgen(
-    folder: Path, *, image: str = "photo.png", assets: str = "photo.assets", progress: Progress = no_progress
+    folder: Path, *, image: str = "photo.png", assets: str = "photo.assets", progress: Progress = silent
 ) -> PerceivedScene:
     """The scene of one folder; `image` and `assets` are their names in the document.
 
@@ -146,7 +146,7 @@ def import_physgen(
     )  # fmt: skip
     document, comments = _document(sim, objects, image, assets), _comments(sim, folder)
     if (light := _fitted_light(normals, shading, labels)) is not None:
-        document["light"], comments["light"] = light
+        document["light"] = light
     shadows = _find_shadows(percepts, objects, sim)
     if (clean := shadows.clean) is not None:
         if not shadows.faint:
@@ -154,7 +154,6 @@ def import_physgen(
         percepts = replace(percepts, clean=clean)
         source = provenance("shadows", shadows.confidence)
         document["light"] = light_entry(shadows.light) | {"softness": shadows.softness, "from": source}
-        comments["light"] = f"{shadows.reason} (confidence {shadows.confidence:g})"
         document["world"] |= view_entry(shadows, bool(sim.gravity))
     document["render"] = {"fps": max(1, round(sim.frames / sim.duration, 3)), "frames": sim.frames}
     if sim.denoise_strength is not None:
@@ -218,22 +217,16 @@ def _document(sim: Sim, objects: list[PhotoObject], image: str, assets: str) -> 
 def _comments(sim: Sim, folder: Path) -> dict[str, str]:
     comments = {
         "world.combine": "the paper's code multiplies the coefficients of two surfaces",
-        "world.duration": f"{int(sim.num_steps)} steps of 1/60 s",
         "objects": "balls turn as discs, as they did there; solid: sphere is truer",
-        "render.fps": f"{sim.frames} frames played in real time",
     }
     if not sim.gravity:
         comments["world.view"] = "gravity 0: seen from above, on a table without friction"
     if sim.edges and sim.ground_elasticity:
         comments["boundaries"] = "their coefficients are multiplied by the objects'"
     elif sim.edges:
-        bounce = (
-            "elasticity 0 times anything is 0: nothing bounces off them, as there; write 0.8 for cushions"
-        )
-        comments["boundaries"] = bounce
+        comments["boundaries"] = "elasticity 0: nothing bounces off them, as there; 0.8 is a cushion"
     if any(body.push for body in sim.bodies.values()):
-        added = "init_acc was added to the velocity at t = 0; as an impulse it is mass x that, in g px/s"
-        comments["forces"] = added
+        comments["forces"] = "init_acc, which was added to the velocity at t = 0, times mass"
     if not (folder / "inpaint.png").is_file():
         comments["assets"] = "inpaint.png was missing; the background was filled here"
     return comments
@@ -258,17 +251,18 @@ def _find_shadows(percepts: Percepts, objects: list[PhotoObject], sim: Sim) -> S
 
 def _fitted_light(
     normals: F32 | None, shading: F32 | None, labels: NDArray[np.uint16]
-) -> tuple[dict[str, Any], str] | None:
-    """The light that explains the shading of the objects, and a comment; None where the maps do not determine it."""
+) -> dict[str, Any] | None:
+    """The light that explains the shading of the objects; None where the maps do not determine it."""
     if normals is None or shading is None:
         return None
     inside = labels > 0
     step = max(1, int(inside.sum()) // 20000)
     fit = fit_light(shading[inside][::step], normals[inside][::step])
-    if fit is None or fit.light.intensity < 1e-3 or fit.spread < LEAST_SPREAD:
-        return None
-    comment = f"fitted to shading.npy over normal.npy on the objects; explains {fit.explained:.0%} of it"
-    return light_entry(fit.light), comment
+    return (
+        None
+        if fit is None or fit.light.intensity < 1e-3 or fit.spread < LEAST_SPREAD
+        else light_entry(fit.light)
+    )
 
 
 def _check_folder(folder: Path) -> None:

@@ -8,7 +8,7 @@ Each stage is a role that a backend fills (`physgen.perceive.roles`, `physgen.re
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -52,11 +52,10 @@ from physgen.perceive.shadow.shadow_removal import refill_background
 from physgen.perceive.support.viewpoint import judge_suitability
 from physgen.photometry import decode, encode_u8
 from physgen.problems import InputError
+from physgen.progress import Progress, silent
 from physgen.registry import Backends
 from physgen.scene.scene import View
 
-Progress = Callable[[str, int, int], None]
-"""Called with the stage that begins, how many are done, and of how many."""
 UNKNOWN = BoundaryGuess(View.SIDE, 0.0, "", ())
 """Before boundaries are found."""
 POINT = "mark them with --masks FILE, --box x,y,w,h or --point x,y"
@@ -73,10 +72,6 @@ KEPT = ("inpaint", "normals", "label")
 """Roles that are called again, or whose model the next role may share: they are released later."""
 
 
-def no_progress(stage: str, done: int, total: int) -> None:
-    """Ignores progress."""
-
-
 def perceive(
     rgb: Rgb,
     found: Detections | None = None,
@@ -86,7 +81,7 @@ def perceive(
     asked: Sequence[str] = (),
     view: View | None = None,
     pixels_per_meter: float | None = None,
-    progress: Progress = no_progress,
+    progress: Progress = silent,
 ) -> PerceivedScene:
     """Perceives a photo; `found` None: segment it.
 

@@ -135,7 +135,6 @@ class LightGuess:
 
     light: DistantLight
     confidence: float
-    reason: str
 
 
 @dataclass(frozen=True)
@@ -164,7 +163,6 @@ class Shadows:
     backdrop: float | None
     """px from the objects back to an upright wall that shadows fall on."""
     confidence: float
-    reason: str
     faint: bool = False
     """Whether so little was removed that `clean` needs no refill behind objects."""
 

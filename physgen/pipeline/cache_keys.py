@@ -25,22 +25,11 @@ from physgen.scene.scene import Scene
 ROOMS = ("compile", "geometry", "perceive", "pipeline", "render", "scene", "simulate")
 """Packages whose code makes unrefined frames; `perceive` fills what objects leave behind."""
 AFTERWARDS = {
-    "Scene": {
-        "name",
-        "folder",
-        "image",
-        "assets",
-        "refine",
-        "places",
-        "document",
-        "variants",
-        "files",
-        "record",
-    },
+    "Scene": {"name", "folder", "image", "assets", "refine", "places", "document", "variants", "files", "record"},
     "Render": {"overlay", "play"},
     "Object": {"label", "provenance", "prompt"},
     "Light": {"provenance"},
-}
+}  # fmt: skip
 """What a scene says that no unrefined frame shows. The photo and its maps count by their bytes, not by their names."""
 FORMAT = 3
 """Counted up when an entry of frames is laid out in another way."""

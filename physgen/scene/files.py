@@ -187,8 +187,6 @@ def image_size(path: Path) -> tuple[int, int]:
 
 WRITTEN = 1e-5
 """Relative difference of equal numbers: scenes are written with six digits or more."""
-LONGEST = 200
-"""Characters of a source, as the schema allows."""
 
 
 @dataclass(frozen=True)
@@ -211,11 +209,11 @@ class Record:
         `own` is the object's data as it is written, in numbers; `filled` the same with defaults.
         """
         wrote = self.entry(name, own)
-        sources = own["from"] if "from" in own else wrote.get("from", {})
+        sources = own["from"] if "from" in own else wrote.get("from")
         return {
             key: text
-            for key, text in sources.items()
-            if key not in wrote or equal(filled.get(key), wrote[key])
+            for key, text in (sources.items() if isinstance(sources, Mapping) else ())
+            if isinstance(text, str) and (key not in wrote or equal(filled.get(key), wrote[key]))
         }
 
 
@@ -224,24 +222,12 @@ def written(path: Path) -> Record:
     found = read_record(path)
     try:
         entries = found.get("objects") or found.get("values") or {}
-        objects = {
-            key: {**entry, "from": _texts(entry["from"])} if "from" in entry else entry
-            for key, entry in entries.items()
-            if isinstance(entry, dict)
-        }
-        maps = {
-            name: (float(low), float(high))
-            for name, (low, high) in found.get("maps", {}).items()
-            if isfinite(low) and isfinite(high) and low < high
-        }
+        objects = {key: entry for key, entry in entries.items() if isinstance(entry, dict)}
+        maps = {name: (float(low), float(high)) for name, (low, high) in found.get("maps", {}).items()}
+        maps = {name: ends for name, ends in maps.items() if all(map(isfinite, ends)) and ends[0] < ends[1]}
         return Record(objects, dict(found.get("world", {})), maps)
-    except (ValueError, TypeError, AttributeError):
+    except (ValueError, TypeError, AttributeError, OverflowError):
         return Record()
-
-
-def _texts(value: Any) -> dict[str, str]:
-    texts = value.items() if isinstance(value, dict) else ()
-    return {key: text for key, text in texts if isinstance(text, str) and len(text) <= LONGEST}
 
 
 def equal(one: object, other: object) -> bool:

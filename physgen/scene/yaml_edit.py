@@ -426,11 +426,7 @@ GUESSES = {
 
 
 def without_guess_comments(text: str, paths: Sequence[Sequence[str | int]]) -> str:
-    """The text without perception's comments on values that a user has set now; other comments stay.
-
-    >>> without_guess_comments("world:\\n  # 1 px = 1 cm, as\\n  view: top\\n", [["world", "view"]])
-    'world:\\n  # 1 px = 1 cm, as\\n  view: top\\n'
-    """
+    """The text without perception's comments on values that a user has set now; other comments stay."""
     for path in paths:
         for k, key in enumerate(path):
             if isinstance(key, str) and key in GUESSES and (k != 1 or path[0] == "world"):

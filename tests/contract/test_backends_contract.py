@@ -216,7 +216,7 @@ def check_shadow(run, rgb, labels, things):
     seen = np.rint(table * (1 - 0.4 * shadow[..., None])).astype(np.uint8)
     ball = np.where(labels == 1, labels, 0).astype(np.uint16)
     setting = registry.make("boundary")(seen, ball, things[:1], View.TOP)
-    even = LightGuess(DistantLight((0.0, 0.0, 1.0), 0.8, 0.4), 0.1, "")
+    even = LightGuess(DistantLight((0.0, 0.0, 1.0), 0.8, 0.4), 0.1)
     found = run(seen, (ball > 0).astype(np.float32), ball, things[:1], matter, setting, even)
     assert found.clean is not None
     assert found.light.direction[0] < -0.3

@@ -17,7 +17,7 @@ WIDTH, HEIGHT = 480, 320
 FLOOR = 240.5
 """The row on which things are seen to end."""
 TILT = 0.12
-GUESS = LightGuess(DistantLight((0.0, -0.6, 0.8), 0.8, 0.4), 0.1, "")
+GUESS = LightGuess(DistantLight((0.0, -0.6, 0.8), 0.8, 0.4), 0.1)
 
 
 def room(grain: float = 0.03) -> np.ndarray:

@@ -156,11 +156,7 @@ def _walls(found: Sequence[Edge], objects: Sequence[PhotoObject], taken: Sequenc
             if np.hypot(*np.subtract(part[-1], part[0])) < 4:
                 continue
             count[kind] += 1
-            name, source, reason = (
-                f"{kind}-{count[kind]}",
-                "depth and normals",
-                "what is beyond is farther away",
-            )
+            name, source, reason = f"{kind}-{count[kind]}", "depth and normals", "beyond it is far"
             walls.append(Wall(name, tuple(part), FRICTION, ELASTICITY, sure, source, reason))
     return walls
 

@@ -169,9 +169,7 @@ def _floors(
 def _reason(group: Sequence[Foot], sloped: bool) -> str:
     if sloped:
         return "as steep as what its friction holds"
-    if len(group) == 1:
-        return "under one object"
-    return f"under {len(group)} objects"
+    return f"under {len(group)} objects" if len(group) > 1 else "under one object"
 
 
 def _grip(objects: Sequence[PhotoObject], groups: Groups) -> dict[int, float]:

@@ -97,20 +97,17 @@ def _shading(
     pairs = pixel_pairs(linear, labels, {t.id: isinstance(t.outline, Disc) for t in objects}, normals)
     found = fit_light(pairs, highlights(linear, labels, objects))
     if found is None or (found.explained < TUNING.least and found.spots < 2):
-        reason = "no object's shading shows the light; taken to come from above and the front"
-        return LightGuess(FROM_ABOVE, 0.1, reason)
+        return LightGuess(FROM_ABOVE, 0.1)
     explained = min(1.0, (found.explained + 0.05 * found.spots) / TUNING.enough)
     known = min(1.0, found.trust + 0.2 * found.spots)
     sure = round(0.1 + 0.8 * explained * (known * (1 - found.rival)) ** 0.5, 2)
-    spots = f" and {found.spots} highlights" if found.spots > 1 else ""
-    reason = f"fitted to how objects are shaded{spots} ({found.explained:.0%} explained)"
     total = found.light.intensity + found.light.ambient
     scaled = DistantLight(
         found.light.direction,
         TUNING.full * found.light.intensity / total,
         TUNING.full * found.light.ambient / total,
     )
-    return LightGuess(scaled, sure, reason)
+    return LightGuess(scaled, sure)
 
 
 def fit_light(pairs: PixelPairs | None, spots: F32 | None = None) -> LightEstimate | None:

@@ -69,7 +69,7 @@ def _geometry(
     if boundaries.view is View.SIDE:
         return side_view_shadows(background, coverage, labels, objects, matter, boundaries, light)
     at = partial(object_silhouettes, labels, objects, matter, boundaries)
-    nothing = Shadows(None, None, light.light, 4.0, 4.0, None, 0.0, "no shadow of the objects is seen")
+    nothing = Shadows(None, None, light.light, 4.0, 4.0, None, 0.0)
     scale = max(max(background.shape[:2]) / COARSE, 1.0)
     silhouettes = at(scale)
     if not silhouettes:
@@ -88,9 +88,8 @@ def _geometry(
         (what.id, *found) for what in silhouettes if (found := shadow_darkness(what, setting)) is not None
     ]
     owners = shadow_owners(background, clean, coverage, casts)
-    reason = f"where the objects' shadows lie (correlation {score:.2f})"
     sure = round(min(0.9, score), 2)
-    return Shadows(clean, owners, setting.light, round(setting.softness, 1), 4.0, None, sure, reason)
+    return Shadows(clean, owners, setting.light, round(setting.softness, 1), 4.0, None, sure)
 
 
 def _remove_ambient(
@@ -111,7 +110,7 @@ def _remove_ambient(
     clean = encode_u8(decode(background) * np.exp(extend_behind_objects(dark, coverage))[..., None])
     owners = shadow_owners_by_model(coverage, casts, dark)
     soft = shade.setting.softness
-    return Shadows(clean, owners, light, soft, 4.0, None, shade.confidence, shade.reason, faint=True)
+    return Shadows(clean, owners, light, soft, 4.0, None, shade.confidence, faint=True)
 
 
 @dataclass(frozen=True)

@@ -81,11 +81,6 @@ class AmbientShade:
         """0..1."""
         return round(min(0.7, 0.1 * self.sure), 2)
 
-    @property
-    def reason(self) -> str:
-        """A sentence for the scene's comments."""
-        return f"soft light from all sides: dark about feet and rims, {self.sure:.0f} times what chance gives"
-
 
 def find_ambient_shade(
     background: Rgb,

@@ -106,7 +106,7 @@ def side_view_shadows(
 ) -> Shadows:
     """The role `shadow` for a photo from the side."""
     photo = _Photo(background, coverage, labels, objects, matter, boundaries)
-    nothing = Shadows(None, None, guess.light, 4.0, 4.0, None, 0.0, "no shadow of the objects is seen")
+    nothing = Shadows(None, None, guess.light, 4.0, 4.0, None, 0.0)
     given = photo.gradients(COARSE)
     if given is None:
         return nothing
@@ -123,11 +123,11 @@ def side_view_shadows(
             casts = _casts(silhouettes, fit, wall, photo.size)
             nothing = replace(nothing, owners=shadow_owners(background, clean, coverage, casts))
         if ratio <= LIMITS.calm:
-            setting, sure, reason = _light(fit, wall, guess, photo.size)
+            setting, sure = _light(fit, wall, guess, photo.size)
             back = None if setting.backdrop == inf else round(setting.backdrop, 1)
             tilt, softness = round(degrees(atan(setting.tilt)), 1), round(setting.softness, 1)
             sure = round(min(0.9, sure), 2)
-            return Shadows(clean, nothing.owners, setting.light, softness, tilt, back, sure, reason)
+            return Shadows(clean, nothing.owners, setting.light, softness, tilt, back, sure)
     return _soft_shade(photo, guess) or nothing
 
 
@@ -152,9 +152,7 @@ def _soft_shade(photo: _Photo, guess: LightGuess) -> Shadows | None:
     seen = np.where(dark > PREDICTED, shade.missing, 0).astype(np.float32)
     owners = shadow_owners_by_model(photo.coverage, _casts(silhouettes, fit, None, photo.size), seen)
     tilt = round(degrees(atan(shade.setting.tilt)), 1)
-    return Shadows(
-        clean, owners, guess.light, shade.setting.softness, tilt, None, shade.confidence, shade.reason
-    )
+    return Shadows(clean, owners, guess.light, shade.setting.softness, tilt, None, shade.confidence)
 
 
 def _predicted(
@@ -235,23 +233,20 @@ def _wall_shadow(photo: _Photo) -> WallShadow | None:
 
 def _light(
     fit: LightFit | None, wall: WallShadow | None, guess: LightGuess, size: tuple[int, int]
-) -> tuple[ShadowSetting, float, str]:
-    """The light and where its shadows fall; its confidence; and the reason."""
+) -> tuple[ShadowSetting, float]:
+    """The light and where its shadows fall, and its confidence."""
     if fit is None:
         assert wall is not None
-        reason = f"where the objects' shadows lie on a wall behind (correlation {wall.likeness:.2f})"
-        return _light_of_wall(wall, guess, size), wall.likeness, reason
+        return _light_of_wall(wall, guess, size), wall.likeness
     facing = (0.0, -1.0, 0.0)
     share = 1 - (1 - min(fit.setting.direct(facing), 0.98)) ** fit.each
     setting = _with_share(fit.setting, facing, share)
-    where = "on the floor" if wall is None else "on the floor and on a wall"
-    reason = f"where the objects' shadows lie {where} (correlation {fit.likeness:.2f})"
     if wall is None:
-        return setting, fit.likeness, reason
+        return setting, fit.likeness
     x, y, z = setting.light.direction
     back = _distance_back(wall, np.array([-x / max(z, 0.2), -y / max(z, 0.2) - setting.tilt]))
     sure = max(fit.likeness, wall.likeness)
-    return (replace(setting, backdrop=back) if back > 1 else setting), sure, reason
+    return (replace(setting, backdrop=back) if back > 1 else setting), sure
 
 
 def _distance_back(wall: WallShadow, flat: np.ndarray) -> float:
