@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from physgen.cli.arguments import Command, Parser, whole
-from physgen.cli.output import OK, Bar, print_error, print_line
+from physgen.cli.output import OK, Bar, print_backup, print_error, print_line, print_problem
 from physgen.cli.perceive import add_backends
 from physgen.problems import InputError
 from physgen.text import listed, nearest
@@ -71,7 +71,7 @@ def edit_file(options: argparse.Namespace) -> int:
     from physgen.edit.corrections import correct
     from physgen.edit.live import Live
     from physgen.edit.operations import edited
-    from physgen.files import write_atomic
+    from physgen.files import write_with_backup
     from physgen.problems import EditError
     from physgen.scene.load import Opened
 
@@ -92,15 +92,17 @@ def edit_file(options: argparse.Namespace) -> int:
         "layer": [{"set": [*at, "layer"], "value": getattr(options, "layer", 0)}],
     }
     try:
-        if options.command == "merge":
-            op = {"kind": "merge", "objects": options.objects}
-            text = correct(Live(path), text, op).text
-        else:
-            text = edited(text, ops[options.command]).text
+        merged = {"kind": "merge", "objects": options.objects}
+        is_merge = options.command == "merge"
+        made: Any = correct(Live(path), text, merged) if is_merge else edited(text, ops[options.command])
     except EditError as error:
         raise InputError.of(str(path), "", error.message, error.fix) from None
-    Opened(path, options.allow_outside, text).scene()
-    write_atomic(path.resolve(), text.encode("utf-8"))
+    Opened(path, options.allow_outside, made.text).scene()
+    write_with_backup(
+        path.resolve(),
+        made.text.encode("utf-8"),
+        lambda kept: print_error(f"{path}: {made.what}; {kept.name} is as it was before"),
+    )
     print_line(str(path))
     return OK
 
@@ -115,7 +117,6 @@ def _scene(options: argparse.Namespace) -> Path:
         print_error(f"{scene}: is there already and is opened; move it away to start again")
         return scene
     from physgen import pipeline
-    from physgen.cli.output import print_backup, print_problem
     from physgen.cli.perceive import crew_of
 
     bar = Bar()

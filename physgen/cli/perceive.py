@@ -126,8 +126,10 @@ def _crew(plan: Plan) -> Backends:
 
 def _plan(options: argparse.Namespace) -> Plan:
     """The backends that flags and a configuration file choose."""
-    from physgen.registry import load_plan
+    from physgen.registry import CONFIGURATION, load_plan
 
+    if options.config is None and Path(CONFIGURATION).is_file():
+        print_error(f"{CONFIGURATION}: the one in this folder is not read; --config {CONFIGURATION} reads it")
     return load_plan(
         options.backend,
         profile=options.profile,

@@ -51,7 +51,8 @@ def object_rows(scene: Scene, compiled: Compiled) -> list[dict[str, Any]]:
     held_by = supports(scene, compiled)
     for item, body, under in zip(scene.objects, compiled.world.bodies, held_by, strict=True):
         speed = hypot(*body.velocity) / scene.world.pixels_per_meter
-        seen = source(item.provenance["mask"]).sure if "mask" in item.provenance else None
+        stated = scene.document["objects"][item.name].get("confidence")
+        seen = source(item.provenance["mask"]).sure if "mask" in item.provenance else stated
         support = ["static"] if item.motion.value == "static" else under
         values = (item.name, item.label, round(body.mass, 4), item.friction, item.elasticity, round(speed, 3))
         rows.append(dict(zip(COLUMNS, (*values, support, seen), strict=True)))

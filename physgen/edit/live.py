@@ -149,11 +149,11 @@ def _of_one(
         least, first, _ = found[0]
         value = f"{where}.{first}" if first else where
         at = {"object": name, "path": value, "line": _line(scene, value) or _line(scene, where)}
-        keys = [[]] if len(found) == len(sources) else [[key] for _, key, _ in found]
-        ops: list[Data] = [{"unset": [*path, "from", *key]} for key in keys]
-        if name is not None and f"{where}.from" not in scene.places:  # the record has the sources
-            left = {key: sources[key] for key in sources.keys() - {key for _, key, _ in found}}
-            ops = [{"set": [*path, "from"], "value": dict(sorted(left.items()))}]
+        left = {key: one for key, one in sources.items() if key not in {key for _, key, _ in found}}
+        recorded = name is not None and f"{where}.from" not in scene.places
+        ops: list[Data] = [{"unset": [*path, "from"]}]
+        if left or recorded:  # in the file it counts before the record
+            ops = [{"set": [*path, "from"], "value": left}]
         yield least, _row("doubt", at, "; ".join(what for *_, what in found), "correct as it is", ops)
 
 

@@ -74,11 +74,7 @@ class Names:
 
 
 def slug(label: str) -> str:
-    """A label as the start of a name: letters, digits and -, beginning with a letter, at most 48 long.
-
-    >>> slug("Billiard ball (red)"), slug("8 ball"), slug("Kugel Übergröße"), slug("")
-    ('billiard-ball-red', 'object-8-ball', 'kugel-bergr-e', 'object')
-    """
+    """A label as the start of a name: letters, digits and -, beginning with a letter, at most 48 long."""
     text = re.sub(r"[^a-z0-9]+", "-", label.lower()).strip("-")[:48].strip("-")
     if not text:
         return "object"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import sys
 from pathlib import Path
 
 import cv2
@@ -50,11 +51,17 @@ def test_edits_keep_every_comment(path: Path) -> None:
     assert second not in yaml.safe_load(removed)["objects"]
 
 
-def test_commands_edit_the_file(tmp_path: Path, capsys) -> None:
+def test_commands_edit_the_file(tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without what the editor in the browser needs, and with the file as it was before beside it."""
+    for module in ("fastapi", "filelock", "uvicorn"):
+        monkeypatch.setitem(sys.modules, module, None)
     scene = tmp_path / "dominoes" / "scene.yaml"
     shutil.copytree(SCENES[5].parent, scene.parent)
     first, second, third = list(yaml.safe_load(scene.read_text())["objects"])[:3]
+    before = scene.read_bytes()
     assert main(["rename", str(scene), first, "start"]) == 0
+    assert scene.with_name("scene.yaml~").read_bytes() == before
+    assert f"rename {first} to start; scene.yaml~ is as it was before" in capsys.readouterr().err
     assert main(["layer", str(scene), second, "2"]) == 0
     assert main(["remove", str(scene), third]) == 0
     assert main(["merge", str(scene), "start", second]) == 0
