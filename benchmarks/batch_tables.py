@@ -80,10 +80,10 @@ def kills_table(rows: Sequence[Row]) -> list[str]:
     """How a batch ended that was killed repeatedly."""
     end = rows[0]
     return prose(
-        f"A batch of {end['clips']} clips, killed (SIGKILL) {end['kills']} times at random moments and started again",
-        f"until it was complete. Its clips are {'the same' if end['same'] else 'NOT THE SAME'}, byte for byte, as",
-        f"those of a run never killed; {end['left'] or 'no'} partial files are left in the end, {end['most_left']} at",
-        "most after a kill.",
+        f"A batch of {end['clips']} clips, killed (SIGKILL) {end['kills']} times and started again until it was",
+        f"complete. Its clips are {'the same' if end['same'] else 'NOT THE SAME'}, byte for byte, as those of a run",
+        "never killed;",
+        f"{end['left'] or 'no'} partial files are left, {end['most_left']} at most after a kill.",
     )
 
 
@@ -96,10 +96,11 @@ def attack_table(rows: Sequence[Row]) -> list[str]:
     seeds, scenes = len({row["seed"] for row in rows}), total("inputs", "scenes")
     others = total("inputs") - scenes - total("inputs", "interrupted")
     return prose(
-        f"From {seeds} seeds: {scenes:,} mutated scenes, {others:,} odd",
-        "assets, pictures, packs, arguments, disks, editors and parallel runs,",
-        f"{total('inputs', 'interrupted')} interrupted renders; {total('refused'):,} commands refused.",
-        f"Faults: {total('faulty') or 'none'} (`benchmarks/attack.py` lists what counts).",
-        f"At most {max(row['slowest'] for row in rows):.1f} s of CPU and {max(row['peak_mib'] for row in rows)} MiB,",
-        f"{max(row['refused_mib'] for row in rows)} MiB where refused (the bar is 954).",
+        f"{seeds} seeds: {scenes:,} mutated scenes, {others:,} odd assets, pictures, packs, arguments, disks,",
+        f"editors and parallel runs, {total('inputs', 'interrupted')} interrupted renders.",
+        f"Faults, as `benchmarks/attack.py` lists them: {total('faulty') or 'none'}.",
+        f"{total('refused'):,} commands refused their input,",
+        f"with at most {max(row['refused_mib'] for row in rows)} MiB.",
+        f"The slowest took {max(row['slowest'] for row in rows):.1f} s of CPU, the largest",
+        f"{max(row['peak_mib'] for row in rows)} MiB.",
     )

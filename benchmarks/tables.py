@@ -345,6 +345,7 @@ SECTIONS = {
     "Batches": ("batch", batch_tables.batch_table),
     "Clusters": ("cluster", batch_tables.cluster_table),
     "Interrupted batches": ("kills", batch_tables.kills_table),
+    "Hostile input": ("attack", batch_tables.attack_table),
     "A million clips on a thousand cores": ("batch", scale.table_of),
     "Finding objects": ("segmentation", _segmentation),
     "Naming objects": ("names", _names),

@@ -133,7 +133,7 @@ class Limit(Enum):
     VALUES = (500_000, "values", "keys and values of a file", "more than {}", "keep pixels in image files",
               "what 8 MiB hold; some seconds to check")  # fmt: skip
     OBJECTS = (10_000, "objects", "objects", "more than {}", "split the scene", "a step takes 0.1 s")
-    EXTENDS = (10, "files", "files that extend each other", "is one of more than {} that extend each other",
+    EXTENDS = (10, "files", "`extends`", "is one of more than {} that extend each other",
                "extend fewer files", "far more than people keep in mind")  # fmt: skip
     CHECKS = (3_000_000, "edits times values", "variants: their edits times the scene's values", "are over {}",
               "use sweep", "each variant is checked as a whole: some 10 s")  # fmt: skip
@@ -141,9 +141,9 @@ class Limit(Enum):
            "sets more than {}, with the edits before it", "name fewer objects", "some 5 s")  # fmt: skip
     CROSSINGS = (2_000_000, "pairs", "an outline's lines near each other", "is too tangled to check, with over {}",
                  "simplify it", "a contour of 20,000 corners has some 80,000")  # fmt: skip
-    NAME = (255, "bytes", "name of a file or a folder", "has too long a name", "write a name of at most {}",
+    NAME = (255, "bytes", "name of a file", "has too long a name", "write a name of at most {}",
             "what file systems allow")  # fmt: skip
-    PIXELS = (10**8, "megapixels", "photo, map, canvas or video, by its header", "is over {}", "make it smaller",
+    PIXELS = (10**8, "megapixels", "picture, canvas or video", "is over {}", "make it smaller",
               "0.3 GB a picture")  # fmt: skip
     IDS = (10_000, "ids", "ids of a label map", "are too many for a label map",
            "give each object one colour; at most {}", "as many as objects")  # fmt: skip

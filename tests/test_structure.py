@@ -38,10 +38,5 @@ def test_a_long_and_a_wide_function_are_found(tmp_path) -> None:
     body = "    pass\n" * structure.LONGEST
     (folder / "module.py").write_text(f"LIMIT = 3\n\n\ndef function({names}):\n{body}")
     (found,) = structure.packages(folder).values()
-    assert (found.modules, found.functions, found.constants, len(found.long), len(found.wide)) == (
-        1,
-        1,
-        1,
-        1,
-        1,
-    )
+    counts = [found.modules, found.functions, found.constants, len(found.long), len(found.wide)]
+    assert counts == [1] * 5
