@@ -68,8 +68,8 @@ train: .venv/.studio
 	@touch $@ .venv/.demo
 
 .venv/.docs: .venv/.python pyproject.toml
-	$(BIN)/python -m pip install --quiet --editable '.[docs]'
-	@touch $@
+	$(BIN)/python -m pip install --quiet --editable '.[docs,edit]'
+	@touch $@ .venv/.demo
 
 .venv/.studio: .venv/.python pyproject.toml
 	$(BIN)/python -m pip install --quiet --editable '.[studio]'

@@ -1,8 +1,8 @@
-"""The whole trip in the browser, from a photo to a saved scene: docs/editor.gif, and the pictures of docs/editor.md.
+"""The whole trip in the browser, from a photo to a saved scene: docs/editor.gif, and docs/editor-yaml.png beside it.
 
     python benchmarks/editor_trip.py
 
-A photo of ours is perceived by `physgen edit`, its toy car pushed, two cubes that were taken for one thing cut apart,
+A photo of ours is perceived by `physgen edit`, its toy car pushed, two cubes that were taken for one object cut apart,
 named, and all of it saved. tests/edit/test_edit_trip_browser.py makes the same steps and holds what comes of it against
 `physgen simulate`. Chromium draws; pictures are this machine's fonts, so they are looked at, not compared.
 """
@@ -64,7 +64,7 @@ def trip(desk: Desk, film: Film = silent, scale: float = 1.0) -> None:
         return [((x + 0.5) * scale - 0.5, (y + 0.5) * scale - 0.5) for x, y in points]
 
     car, block = thing_at(desk, *px((60, 410))), thing_at(desk, *px((362, 400)))
-    film("physgen edit photo.png: what is in it, found and weighed; all of it may be changed", 2200)
+    film("physgen edit photo.png: objects found, masses estimated; edit any of it", 2200)
     desk.panel("todo")
     film("To do: what the photo left in doubt", 1800)
 
@@ -72,15 +72,15 @@ def trip(desk: Desk, film: Film = silent, scale: float = 1.0) -> None:
     desk.tool("push")
     pushed(desk, px((75, 405), (205, 405)), film)
     desk.settled()
-    played(desk, film, "Its true motion: simulated, not drawn")
+    played(desk, film, "The simulated motion")
 
-    film("The two cubes move as one thing: they were found as one", 1600)
+    film("The two cubes move as one object: they were found as one", 1600)
     desk.tool("mask")
     desk.choose(block)
     page.wait_for_function("() => !document.querySelector('.mask-strip').hidden")
     desk.drawn()
     page.wait_for_timeout(300)
-    film("Mask: which pixels are it", 1400)
+    film("Mask: the pixels of the object", 1400)
     page.click("[data-way=split]")
     (a, b), mouse = px((326, 386), (398, 388)), page.mouse
     mouse.move(*desk.at(a))
@@ -94,7 +94,7 @@ def trip(desk: Desk, film: Film = silent, scale: float = 1.0) -> None:
     desk.settled()
     page.wait_for_function("() => !document.querySelector('.mask-strip.busy')")
     page.wait_for_function("() => window.editor.stage.drawn()")
-    film("Two things: shapes, masses and what lies behind follow", 1800)
+    film("Two objects: shapes, masses and the background follow", 1800)
 
     for number, place in enumerate(px((364, 365), (362, 408)), 1):
         desk.choose(thing_at(desk, place))
@@ -102,7 +102,7 @@ def trip(desk: Desk, film: Film = silent, scale: float = 1.0) -> None:
         page.press(".mask-label input", "Enter")
         desk.settled()
         page.wait_for_function("() => !document.querySelector('.mask-strip.busy')")
-        film(f"Say what it is, and its numbers follow ({number} of 2)", 900)
+        film(f"Type a label, and mass and friction follow ({number} of 2)", 900)
 
     desk.tool("push")
     desk.choose(car)
@@ -130,14 +130,14 @@ def pushed(desk: Desk, way: Sequence[Sequence[float]], film: Film) -> None:
     """A drag, with pictures on its way."""
     (a, b), mouse = way, desk.page.mouse
     mouse.move(*desk.at(a))
-    film("Push: drag from a thing", 900)
+    film("Push: drag from an object", 900)
     mouse.down()
     for part in (0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.0):
         mouse.move(*desk.at([p + part * (q - p) for p, q in zip(a, b, strict=True)]), steps=2)
         if film is not silent:
             desk.page.wait_for_timeout(220)
-        film("Push: the arrow is its velocity; where it goes shows at once", 140)
-    film("Push: the arrow is its velocity; where it goes shows at once", 900)
+        film("Push: the arrow is the velocity; the path shows at once", 140)
+    film("Push: the arrow is the velocity; the path shows at once", 900)
     mouse.up()
 
 
@@ -218,25 +218,14 @@ POINTER = """() => {
 """A browser without a screen draws none."""
 
 
-def pictures(desk: Desk, folder: Path) -> None:
-    """An error at its line, and a render that is done."""
+def picture(desk: Desk, path: Path) -> None:
+    """An error at its line."""
     page = desk.page
     desk.panel("yaml")
-    desk.put_caret("velocity: [650", after=len("velocity: ["))
+    desk.put_caret("velocity: [", after=len("velocity: ["))
     page.keyboard.type("fast")
     page.wait_for_selector(".yaml-number.wrong")
-    taken(desk, folder / "editor-yaml.png")
-    desk.settled()
-    page.keyboard.press("Control+z")
-    page.wait_for_function("() => window.editor.state.file.saved")
-    desk.panel("render")
-    page.click(".render .main")
-    page.wait_for_selector(".render-results video")
-    page.wait_for_function("() => document.querySelector('video').readyState >= 2")
-    page.evaluate(
-        "() => { const v = document.querySelector('video'); v.controls = false; v.currentTime = 0.4; }"
-    )
-    taken(desk, folder / "editor-render.png")
+    taken(desk, path)
 
 
 def taken(desk: Desk, path: Path) -> None:
@@ -255,7 +244,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "--output",
         type=Path,
         default=GIF,
-        help="the GIF, its pictures beside it; default: docs/editor.gif",
+        help="the GIF, the picture beside it; default: docs/editor.gif",
     )
     options = parser.parse_args(argv)
     with tempfile.TemporaryDirectory() as folder, launched() as browser:
@@ -269,7 +258,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             desk.page.wait_for_timeout(1500)
             reel = Reel(desk)
             trip(desk, reel)
-            pictures(desk, options.output.parent)
+            picture(desk, options.output.with_name("editor-yaml.png"))
             assert desk.errors == [], desk.errors
     reel.write(options.output)
     size = options.output.stat().st_size

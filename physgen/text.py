@@ -149,6 +149,22 @@ def rounded(value: float, digits: int = 3) -> str:
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
+def name_ranges(names: Sequence[str]) -> str:
+    """Names with numbers that follow each other, as ranges.
+
+    >>> name_ranges(["ball-1", "ball-2", "ball-3", "ball-7", "cup"])
+    'ball-1 to ball-3, ball-7, cup'
+    """
+    runs: list[tuple[str, str]] = []
+    for name in names:
+        stem, number = re.fullmatch(r"(.*?)(\d*)", name).groups()  # type: ignore[union-attr]
+        if runs and number and runs[-1][1] == f"{stem}{int(number) - 1}":
+            runs[-1] = (runs[-1][0], name)
+        else:
+            runs.append((name, name))
+    return ", ".join(first if first == last else f"{first} to {last}" for first, last in runs)
+
+
 def example(value: Any) -> str:
     """A value from the schema as YAML on one line, as a person writes it.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import shutil
 from collections.abc import Iterator
@@ -15,6 +16,12 @@ import numpy as np
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 DESK = {"width": 1280, "height": 900}
 PHONE = {"width": 390, "height": 844}
+LOOKS: dict[str, dict[str, Any]] = {
+    "1280": {"viewport": DESK},
+    "390": {"viewport": PHONE},
+    "dark": {"viewport": DESK, "color_scheme": "dark"},
+}
+"""Of golden pictures."""
 
 
 def chromium() -> str:
@@ -213,3 +220,34 @@ def ball(seen: Any) -> tuple[np.ndarray, np.ndarray]:
 def fallen(time: float) -> tuple[float, float]:
     """Where the ball is before it lands."""
     return 60 + V * time, 50 + G * time**2 / 2
+
+
+CELL, COARSEST = 8, 16
+"""Px that a cell of a golden picture averages, and the most levels that it may differ by: where letters are smoothed
+otherwise cells differ by at most 9, where a button is gone or a part has moved by 24 px by more than 30."""
+
+
+def looks_like(seen: Any, golden: Path, *, renew: bool = False) -> str:
+    """ "" where the whole page looks like a golden picture, else what differs; what a machine decides is left out."""
+    from PIL import Image, ImageFilter
+
+    shot = Image.open(io.BytesIO(seen.screenshot(full_page=True, animations="disabled"))).convert("RGB")
+    size = -(-shot.width // CELL), -(-shot.height // CELL)
+    small = shot.resize(size, Image.Resampling.BOX)
+    if renew:
+        golden.parent.mkdir(exist_ok=True)
+        small.save(golden, lossless=True)
+    true = Image.open(golden).convert("RGB")
+    if abs(true.height - small.height) > 1 or true.width != small.width:
+        return f"{golden.name}: {size} cells, not {true.size}"
+    both = np.stack(
+        [
+            np.asarray(one.filter(ImageFilter.BoxBlur(1)), float)[: min(true.height, small.height)]
+            for one in (small, true)
+        ]
+    )
+    off = np.abs(both[0] - both[1]).max(axis=2)
+    row, column = np.unravel_index(off.argmax(), off.shape)
+    worst = off[row, column]
+    place = f"{column * CELL}, {row * CELL} px"
+    return "" if worst <= COARSEST else f"{golden.name}: off by {worst:.0f} levels at {place}"

@@ -12,7 +12,7 @@ from threading import Thread
 from typing import Any
 
 import pytest
-from browser import DESK, PHONE
+from browser import DESK, LOOKS, PHONE, looks_like
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -23,7 +23,10 @@ class Quiet(SimpleHTTPRequestHandler):
 
 
 @pytest.mark.slow
-def test_the_site_is_whole_on_a_desk_and_a_phone(tmp_path: Path, browser: Any) -> None:
+def test_the_site_is_whole_on_a_desk_and_a_phone(
+    tmp_path: Path, browser: Any, pytestconfig: pytest.Config
+) -> None:
+    """And its front page looks as it did."""
     command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--strict", "--site-dir", str(tmp_path)]
     built = subprocess.run(
         command, cwd=ROOT, capture_output=True, text=True, env=os.environ | {"NO_MKDOCS_2_WARNING": "1"}
@@ -43,7 +46,14 @@ def test_the_site_is_whole_on_a_desk_and_a_phone(tmp_path: Path, browser: Any) -
                 if page.evaluate("document.documentElement.scrollWidth > innerWidth"):
                     complaints.append(f"{source.name} is wider than {size['width']} px")
             page.close()
+        for look, how in LOOKS.items():
+            page = browser.new_page(**how)
+            page.goto(f"{base}index.html", wait_until="networkidle")
+            page.add_style_tag(content="img { visibility: hidden; }")  # it moves
+            golden = ROOT / "tests" / "golden_pages" / f"docs-{look}.webp"
+            complaints.append(looks_like(page, golden, renew=pytestconfig.getoption("force_regen")))
+            page.close()
     finally:
         server.shutdown()
-    assert complaints == []
+    assert [one for one in complaints if one] == []
     assert "render_scene" in (tmp_path / "python.html").read_text(encoding="utf-8")

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from physgen.geometry.polygon import Disc, Outline, Pose, Region, Ring, mass_properties, rotation
 from physgen.scene.scene import Combine, FieldKind, JointKind, Load, Motion, Object, Scene, Solid, View
+from physgen.text import name_ranges
 
 Array = NDArray[np.float64]
 
@@ -261,7 +262,8 @@ def _pairing(first: Sequence[str], second: Sequence[str], a: Surface, b: Surface
 
 
 def _names(names: Sequence[str]) -> str:
-    return ", ".join(names) if len(names) <= 3 else f"{names[0]}, {names[1]} and {len(names) - 2} more"
+    shown = name_ranges(names)
+    return shown if shown.count(",") < 3 else f"{names[0]}, {names[1]} and {len(names) - 2} more"
 
 
 def pair_header(world: World) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import degrees
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from physgen.compile.world import Body, World
 from physgen.scene.provenance import Provenance, Source
 from physgen.scene.scene import Field, FieldKind, Joint, JointKind, Load, Motion, Scene, Solid
-from physgen.text import rounded
+from physgen.text import name_ranges, rounded
 
 Array = NDArray[np.float64]
 
@@ -172,21 +171,6 @@ def _together(rows: Sequence[Row]) -> Row:
             text = f"{text} to {end}".replace("line ", "lines ", 1).replace(" to line ", " to ")
         cells[name] = Cell(cell.text, replace(cell.source, text=text))
     return replace(first, name=name_ranges([row.name for row in rows]), cells=cells)
-
-
-def name_ranges(names: Sequence[str]) -> str:
-    """
-    >>> name_ranges(["ball-1", "ball-2", "ball-3", "ball-7", "cup"])
-    'ball-1 to ball-3, ball-7, cup'
-    """
-    runs: list[tuple[str, str]] = []
-    for name in names:
-        stem, number = re.fullmatch(r"(.*?)(\d*)", name).groups()  # type: ignore[union-attr]
-        if runs and number and runs[-1][1] == f"{stem}{int(number) - 1}":
-            runs[-1] = (runs[-1][0], name)
-        else:
-            runs.append((name, name))
-    return ", ".join(first if first == last else f"{first} to {last}" for first, last in runs)
 
 
 def _object(scene: Scene, index: int, body: Body, sources: Provenance) -> Row:
