@@ -192,7 +192,7 @@ class Reel:
 
 
 def palette_of(frames: Sequence[Image.Image]) -> Image.Image:
-    """The page's own colours as they are; others by the root of how common they are, so that a small car has its reds."""
+    """The page's own colours, and others by the root of how common they are: a small car has its reds."""
     seen = np.concatenate([np.asarray(frame)[::2, ::2].reshape(-1, 3) for frame in frames[::3]])
     colours, counts = np.unique(seen, axis=0, return_counts=True)
     flat = colours[np.argsort(counts)[-FLAT:]]
