@@ -38,7 +38,7 @@ class Percepts:
     coverage: F32 | None = None
     """(H, W) in 0..1: the share of the pixel that objects cover, soft at their borders."""
     background: U8 | None = None
-    """(H, W, 3) sRGB: objects filled, old shadows still there; equals `rgb` where coverage is 0."""
+    """(H, W, 3) sRGB: objects and their rims filled, old shadows still there; elsewhere it equals `rgb`."""
     clean: U8 | None = None
     """(H, W, 3) sRGB: the background without the objects' shadows."""
     shadows: U16 | None = None

@@ -34,8 +34,9 @@ class WarningLimits:
     """Overlapping pairs that are named, about; further ones are counted."""
     overlap: float = 0.25
     """px of overlap at t = 0 that the engine resolves without anyone seeing it."""
-    near: int = 5
-    """px around what is covered in which `background.png` need not be the photo: soft borders fade there."""
+    near: float = 42 / 512
+    """Of the photo's longer side: around what is covered `background.png` need not be the photo; rims and contact
+    shadows are filled there."""
     over: int = 5
     """px a side of the squares over which differences are averaged: what compression leaves of a photo is gone then."""
     levels: int = 8
@@ -154,7 +155,9 @@ def photo_differs(scene: Scene, compiled: Compiled, maps: Percepts | None) -> It
         return
     if not maps_cover_masks(maps, compiled.labels, compiled.scenery):  # it is made anew, of the photo
         return
-    bare = ~_grown((maps.coverage > 0) | (maps.cut_out > 0) | (compiled.labels > 0), LIMITS.near)
+    bare = ~_grown(
+        (maps.coverage > 0) | (maps.cut_out > 0) | (compiled.labels > 0), round(LIMITS.near * max(scene.size))
+    )
     if np.array_equal(maps.rgb[bare], maps.background[bare]):
         return
     off = _mean_difference(maps.rgb, maps.background, bare)

@@ -26,7 +26,7 @@ from physgen.geometry.polygon import Disc, Outline, mass_properties
 from physgen.geometry.regions import fit_regions
 from physgen.maps import Percepts, read_labels
 from physgen.perceive.document import light_entry, object_names, provenance, shape_entry, view_entry
-from physgen.perceive.inpaint.poisson import seamless
+from physgen.perceive.inpaint.poisson import fill_behind, seamless
 from physgen.perceive.roles import (
     BoundaryGuess,
     Intrinsics,
@@ -298,7 +298,7 @@ def _read_labels(path: Path, rgb: Rgb, sim: Sim) -> NDArray[np.uint16]:
 
 def _read_background(path: Path, rgb: Rgb, hole: NDArray[np.bool_]) -> Rgb:
     if not path.is_file():
-        return np.asarray(registry.make("inpaint")(rgb, hole))
+        return fill_behind(rgb, hole, registry.make("inpaint"))
     other = read_image(path)
     _check_size(path, other.shape, rgb)
     return seamless(other, rgb, hole)

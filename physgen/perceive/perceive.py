@@ -22,6 +22,7 @@ from physgen.geometry.polygon import Disc, bounds
 from physgen.maps import Percepts
 from physgen.materials import kind
 from physgen.perceive import document
+from physgen.perceive.inpaint.poisson import fill_behind
 from physgen.perceive.roles import (
     SMALLEST_OBJECT,
     BoundaryGuess,
@@ -116,7 +117,7 @@ def perceive(
     intrinsics: Intrinsics = run.role("intrinsic", rgb, found.labels, normals)
     light: LightGuess = run.role("light", rgb, found.labels, objects, normals, intrinsics)
     coverage = run.role("matte", rgb, found.labels)
-    background = run.role("inpaint", rgb, coverage > 0)
+    background = fill_behind(rgb, coverage > 0, partial(run.role, "inpaint"))
     shadows: Shadows = run.role(
         "shadow", background, coverage, found.labels, objects, matter, boundaries, light
     )

@@ -164,12 +164,13 @@ def filled(
     if known and maps.coverage is not None and maps.background is not None:
         return maps.coverage, maps.background
     from physgen import registry
+    from physgen.perceive.inpaint.poisson import fill_behind
 
     union = np.where(labels > 0, labels, np.where(scenery, np.uint16(0), maps.cut_out))
     coverage = maps.coverage
     if coverage is None or not known:
         coverage = registry.make("matte")(maps.rgb, union)
-    return coverage, registry.make("inpaint")(maps.rgb, coverage > 0)
+    return coverage, fill_behind(maps.rgb, coverage > 0, registry.make("inpaint"))
 
 
 def shot(scene: Scene, trajectory: Trajectory) -> Shot:

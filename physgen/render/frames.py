@@ -35,6 +35,7 @@ from physgen.render.stage import (
     SpritePose,
     Stage,
     draw_border,
+    draw_halo,
     draw_sprite,
     sprite_coverage,
     sprite_poses,
@@ -291,6 +292,11 @@ def _moments(
         for box in boxes_of_tiles([a & ~b for a, b in zip(before, relit, strict=True)], size):
             canvas[box] = left.light[box]
         touched = list(shadowed)
+        for picture in pictures:
+            if (around := draw_halo(stage.sprites[picture.stand.k], picture.stand)) is not None:
+                box, rest = around
+                canvas[box] += rest if dark is None or lit is None else relit_border(rest, lit, dark, box)
+                touched.append(box)
         for picture in pictures:
             box = picture.where.box
             under = canvas[box]

@@ -2,7 +2,8 @@
 
 Shadows are kept as negative logarithms of the share of light that is left, so those of many objects add up, and at
 t = 0 the sum is the photo's. The shadow that geometry predicts is an object's own; darkness of the photo beyond that
-belongs to the nearest object and moves with it, as long as the object stands on the floor as it did.
+belongs to the nearest object and moves with it, as long as the object stands on the floor as it did. Where an object
+may have thrown a shadow, the plate is the clean picture: what the photo shows beyond both goes as the object leaves.
 """
 
 from __future__ import annotations
@@ -46,8 +47,8 @@ class ShadowTuning:
     """-log of the least light that a shadow leaves."""
     near: float = 0.5
     """Of an object's size: how far around it what is dark may be its own."""
-    hidden: float = 3.0
-    """px over which the background's detail reaches under objects."""
+    claimed: tuple[float, float] = (0.02, 0.3)
+    """Sum of objects' claims on a pixel from which its plate gives way to the clean picture, and where it is that."""
     faint: float = 0.006
     """-log of light that is not missed: half a grey level of a middle grey."""
     cells: int = 24
@@ -82,12 +83,14 @@ class LitBackground:
 
     setting: ShadowSetting
     plate: F32
-    """(H, W, 3) linear: in the light that no object keeps away."""
+    """(H, W, 3) linear: in the light that no object keeps away; the clean picture where objects may have shadows."""
     tint: F32
     """(3,): by how much more or less than the average a channel darkens."""
     total: F32
     """(H, W): -log of the light left at t = 0, of all objects."""
     casts: Sequence[CastShadow]
+    owner: NDArray[np.int32]
+    """(H, W): 1 + the index of the cast whose object most likely changes the picture there, 0: none."""
     lifted: bool = True
     """Whether a backend has taken the photo's shadows apart from the background."""
 
@@ -199,7 +202,7 @@ def shifted_picture(
     picture: F32, corner: tuple[int, int], shift: tuple[float, float], size: tuple[int, int]
 ) -> tuple[PixelBox | None, F32]:
     """A picture moved by a fraction of pixels, cut to the photo."""
-    h, w = picture.shape
+    h, w = picture.shape[:2]
     x, y = corner[0] + shift[0], corner[1] + shift[1]
     x0, y0 = int(np.floor(x)), int(np.floor(y))
     left, top = max(x0, 0), max(y0, 0)
@@ -219,10 +222,12 @@ def decompose_shadows(
     rounds: Sequence[bool],
     setting: ShadowSetting,
     gone: Sequence[Silhouette] = (),
+    changed: NDArray[np.bool_] | None = None,
 ) -> tuple[LitBackground, F32 | None]:
     """`background` (H, W, 3) sRGB with the objects' shadows, `clean` without; None: they were not removed.
 
-    `gone` are objects of the photo that the scene leaves out: their shadows leave with them. The second result is
+    `gone` are objects of the photo that the scene leaves out: their shadows leave with them. `changed` (H, W): where
+    the background is not the photo's, which tells nothing of shadows close to objects either. The second result is
     (H, W) -log of the light that those left; None where there are none.
     """
     lit = decode(background)
@@ -234,7 +239,8 @@ def decompose_shadows(
             for s, step, r in zip(starts, steps, rounds, strict=True)
         ]
         dark = np.zeros(lit.shape[:2], np.float32)
-        return LitBackground(setting, lit, np.ones(3, np.float32), dark, casts, lifted=False), None
+        nobody = np.zeros(dark.shape, np.int32)
+        return LitBackground(setting, lit, np.ones(3, np.float32), dark, casts, nobody, lifted=False), None
     bare = decode(clean)
     dark = _log(luminance(bare)) - _log(luminance(lit))
     np.clip(dark, -0.5, SHADOW.deepest, out=dark)
@@ -249,6 +255,8 @@ def decompose_shadows(
         (coverage >= 0.5).astype(np.uint8), np.ones((2 * SHADOW.gap + 1, 2 * SHADOW.gap + 1), np.uint8)
     )
     open_ = (unknown == 0) | (reach == 0)
+    if changed is not None:
+        open_ &= ~changed
     weight = open_.astype(np.float32)
     everybody = [*starts, *gone]
     steps += [shadow_grid_step(ghost) for ghost in gone]
@@ -259,25 +267,25 @@ def decompose_shadows(
             _add(total, *first)
     rest = _spread_into(cv2.medianBlur(dark - total, 5) * weight, weight, SHADOW.smooth)
     casts = []
+    claims = _claims(everybody, firsts, setting.size)
+    claimed, owner = _claimed(claims, dark.shape)
     total, left = np.zeros(dark.shape, np.float32), np.zeros(dark.shape, np.float32)
-    for k, (start, step, first, own) in enumerate(
-        zip(everybody, steps, firsts, _owned(rest, everybody, firsts), strict=True)
-    ):
+    for k, (start, step, first, claim) in enumerate(zip(everybody, steps, firsts, claims, strict=True)):
+        own = _owned(rest, claim, claimed)
         cast = _cast(start, step, first, own, k < len(starts) and rounds[k], setting)
         if k < len(starts):
             casts.append(cast)
         if cast.whole is not None:
             _add(total if k < len(starts) else left, *cast.whole)
     tint = _tint(lit, bare, dark, open_)
-    near = blurred(weight, SHADOW.hidden)
-    certain = np.clip(near * 4, 0, 1) / np.maximum(near, 0.02)
+    least, most = SHADOW.claimed
+    given = np.clip((claimed - least) / (most - least), 0, 1)
+    given = np.where(open_, given, np.float32(1))
     plate = np.empty_like(lit)
     for c in range(3):
-        depth = (total + left) * tint[c]
-        detail = _log(lit[..., c]) - _log(bare[..., c]) + depth
-        inside = blurred(detail * weight, SHADOW.hidden) * certain
-        plate[..., c] = np.where(open_, lit[..., c] * cv2.exp(depth), bare[..., c] * cv2.exp(inside))
-    return LitBackground(setting, plate, tint, total, casts), left if gone else None
+        seen = _log(lit[..., c]) + (total + left) * tint[c]
+        plate[..., c] = cv2.exp(seen + given * (_log(bare[..., c]) - seen))
+    return LitBackground(setting, plate, tint, total, casts, owner), left if gone else None
 
 
 def _log(light: F32) -> F32:
@@ -366,13 +374,12 @@ def _tint(lit: F32, bare: F32, dark: F32, where: NDArray[np.bool_]) -> F32:
     return np.asarray(np.clip((each * d).sum(axis=0) / (d * d).sum(), 0.85, 1.15), np.float32)
 
 
-def _owned(
-    rest: F32, starts: Sequence[Silhouette], firsts: Sequence[tuple[PixelBox, F32] | None]
+def _claims(
+    starts: Sequence[Silhouette], firsts: Sequence[tuple[PixelBox, F32] | None], size: tuple[int, int]
 ) -> list[tuple[PixelBox, F32]]:
-    """Each object's part of what geometry does not explain: by the shadow it foretells, and by how near it is."""
-    H, W = rest.shape
+    """How likely each object changes the picture around it: by the shadow it foretells, and by how near it is."""
+    W, H = size
     claims: list[tuple[PixelBox, F32]] = []
-    sum_ = np.full((H, W), 0.02, np.float32)
     for start, first in zip(starts, firsts, strict=True):
         h, w = start.coverage.shape
         reach = SHADOW.near * min(h, w) + 4
@@ -401,19 +408,35 @@ def _owned(
             cast[b - y0 : d - y0, a - x0 : c - x0] = dark
             claim += 4 * cast + 4 * blurred(cast, 0.6 * reach)
         claims.append((box, claim))
-        sum_[y0:y1, x0:x1] += claim
-    found = []
-    for (x0, y0, x1, y1), claim in claims:
-        if not claim.size:
-            found.append(((x0, y0, x1, y1), claim))
-            continue
-        own = rest[y0:y1, x0:x1] * claim / sum_[y0:y1, x0:x1]
-        edge = 6  # nothing at the box's border, so that it may move unseen
-        ramp_x = np.clip(np.minimum(np.arange(x1 - x0), np.arange(x1 - x0)[::-1]) / edge, 0, 1)
-        ramp_y = np.clip(np.minimum(np.arange(y1 - y0), np.arange(y1 - y0)[::-1]) / edge, 0, 1)
-        own = own * (ramp_x[None, :] * ramp_y[:, None]).astype(np.float32)
-        found.append(((x0, y0, x1, y1), np.asarray(own, np.float32)))
-    return found
+    return claims
+
+
+def _claimed(claims: Sequence[tuple[PixelBox, F32]], shape: tuple[int, ...]) -> tuple[F32, NDArray[np.int32]]:
+    """(H, W) the sum of claims, and 1 + the index of the largest; 0 where there are hardly any."""
+    total, most = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    owner = np.zeros(shape, np.int32)
+    for k, ((x0, y0, x1, y1), claim) in enumerate(claims, 1):
+        part = np.s_[y0:y1, x0:x1]
+        total[part] += claim
+        more = claim > most[part]
+        most[part][more] = claim[more]
+        owner[part][more] = k
+    owner[total <= SHADOW.claimed[0]] = 0
+    return total, owner
+
+
+def _owned(rest: F32, claim: tuple[PixelBox, F32], claimed: F32) -> tuple[PixelBox, F32]:
+    """An object's part of what geometry does not explain: what it claims beyond all others together."""
+    (x0, y0, x1, y1), mine = claim
+    if not mine.size:
+        return claim
+    share = mine / (claimed[y0:y1, x0:x1] + np.float32(SHADOW.claimed[0]))
+    own = rest[y0:y1, x0:x1] * np.maximum(2 * share - 1, 0)
+    edge = 6  # nothing at the box's border, so that it may move unseen
+    ramp_x = np.clip(np.minimum(np.arange(x1 - x0), np.arange(x1 - x0)[::-1]) / edge, 0, 1)
+    ramp_y = np.clip(np.minimum(np.arange(y1 - y0), np.arange(y1 - y0)[::-1]) / edge, 0, 1)
+    own = own * (ramp_x[None, :] * ramp_y[:, None]).astype(np.float32)
+    return (x0, y0, x1, y1), np.asarray(own, np.float32)
 
 
 def _pasted(what: Silhouette, box: PixelBox) -> F32:

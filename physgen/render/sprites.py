@@ -67,6 +67,10 @@ class SpriteTuning:
     """Of a mask's blur: with BLUR, what is left of it 4.4 px beyond the border."""
     clean: int = 2
     """px inside the border where the photo shows the object alone, unmixed with what is behind it."""
+    halo: float = 40 / 512
+    """Of the photo's longer side: how far around an object its blurred rim may reach."""
+    unseen: float = 1e-4
+    """Of linear light: less is no difference from the photo."""
     sides: int = 12
     """Of the shape that stands for a sprite where only its reach matters."""
 
@@ -159,6 +163,8 @@ class Sprite:
     """(h, w) in 0..1."""
     rest: F32 | None = None
     """(h, w, 3) linear: what the photo shows here beyond light and background, at the border alone; of either sign."""
+    halo: tuple[tuple[int, int], F32] | None = None
+    """The same around the object, where it covers nothing: a photo column and row, and (h, w, 3) linear."""
     ball: Ball | None = None
     """Of a sphere: its skin, which turns in space; `light` then holds at t = 0 alone."""
     relief: Relief | None = None
@@ -236,34 +242,61 @@ def cut_sprites(
     return anchored(sprites, photo, behind, absent)
 
 
-def anchored(sprites: Sequence[Sprite], photo: F32, behind: F32, absent: NDArray[np.bool_]) -> list[Sprite]:
-    """Sprites whose `rest` makes them, over `behind` (H, W, 3) linear, the photo (H, W, 3) again at t = 0.
+def anchored(
+    sprites: Sequence[Sprite],
+    photo: F32,
+    behind: F32,
+    absent: NDArray[np.bool_],
+    owner: NDArray[np.int32] | None = None,
+) -> list[Sprite]:
+    """Sprites whose `rest` and `halo` make them, over `behind` (H, W, 3) linear, the photo (H, W, 3) at t = 0.
 
-    A pixel's rest goes with the object on top there, or else with one that is near.
+    A pixel's rest goes with the object on top there; where none covers it, with its `owner`
+    (H, W), 1 + an index, or with the nearest where that is 0.
     """
-    composite, top = behind.copy(), np.zeros(behind.shape[:2], np.int32)
+    height, width = behind.shape[:2]
+    composite, top = behind.copy(), np.zeros((height, width), np.int32)
     insides = [
         np.s_[MARGIN : s.coverage.shape[0] - MARGIN, MARGIN : s.coverage.shape[1] - MARGIN] for s in sprites
     ]
     places = []
-    for sprite, inside in zip(sprites, insides, strict=True):
-        h, w = sprite.coverage[inside].shape
-        x0, y0 = sprite.corner[0] + MARGIN, sprite.corner[1] + MARGIN
-        places.append(np.s_[y0 : y0 + h, x0 : x0 + w])
-    for number, (sprite, inside, place) in enumerate(zip(sprites, insides, places, strict=True), 1):
+    for number, (sprite, inside) in enumerate(zip(sprites, insides, strict=True), 1):
         alpha = sprite.coverage[inside]
+        x0, y0 = sprite.corner[0] + MARGIN, sprite.corner[1] + MARGIN
+        place = np.s_[y0 : y0 + alpha.shape[0], x0 : x0 + alpha.shape[1]]
         composite[place] = sprite.light[inside] + (1 - alpha[..., None]) * composite[place]
-        near = (_soft(alpha > 0) > CUT.least) & (top[place] <= 0) | (top[place] == 0)
-        top[place][near] = -number
         top[place][alpha > 0] = number
+        places.append(place)
     rest = photo - composite
     rest[_soft(absent) > CUT.least] = 0.0
+    near = _nearest(top, absent, round(CUT.halo * max(height, width)))
+    if owner is not None:
+        near = np.where(owner > 0, owner, near)
+    near[(top > 0) | (np.abs(rest).max(axis=2) <= CUT.unseen)] = 0
     found = []
     for number, (sprite, inside, place) in enumerate(zip(sprites, insides, places, strict=True), 1):
         own = np.zeros_like(sprite.light)
-        own[inside] = np.where((np.abs(top[place]) == number)[..., None], rest[place], np.float32(0))
-        found.append(replace(sprite, rest=own))
+        own[inside] = np.where((top[place] == number)[..., None], rest[place], np.float32(0))
+        mine, halo = near == number, None
+        if mine.any():
+            (y0, y1), (x0, x1) = ((int(n.min()), int(n.max()) + 1) for n in np.nonzero(mine))
+            there = np.s_[y0:y1, x0:x1]
+            halo = (x0, y0), np.where(mine[there][..., None], rest[there], np.float32(0))
+        found.append(replace(sprite, rest=own, halo=halo))
     return found
+
+
+def _nearest(top: NDArray[np.int32], absent: NDArray[np.bool_], reach: int) -> NDArray[np.int32]:
+    """(H, W) the number in `top` that is nearest, 0 where that is an `absent` object or none within `reach` px."""
+    seeds = (top > 0) | absent
+    if not seeds.any():
+        return np.zeros_like(top)
+    away, places = cv2.distanceTransformWithLabels(
+        (~seeds).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    numbers = np.zeros(int(places.max()) + 1, np.int32)
+    numbers[places[seeds]] = top[seeds]
+    return np.where(away <= reach, numbers[places], 0).astype(np.int32)
 
 
 def _soft(mask: NDArray[np.bool_]) -> F32:

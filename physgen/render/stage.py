@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from math import ceil, cos, floor, inf, isfinite, sin
+from math import ceil, cos, exp, floor, hypot, inf, isfinite, sin
 
 import cv2
 import numpy as np
@@ -21,6 +21,10 @@ F32 = NDArray[np.float32]
 Array = NDArray[np.float64]
 Slices = tuple[slice, slice]
 
+LEAVES = 0.1
+"""Of an object's size: moved by as much, it takes what the photo shows around it, of rims and shadows, with it."""
+FAINT = 0.02
+"""Share of a halo that nobody sees."""
 FADE = 3.0
 """px of motion over which the photo's own border pixels give way to the object's clean ones."""
 SPREAD = 1.5
@@ -156,6 +160,21 @@ def draw_border(sprite: Sprite, where: Placement) -> tuple[Slices, F32] | None:
     size = (columns.stop - columns.start, rows.stop - rows.start)
     border = cv2.warpAffine(sprite.rest, matrix, size, flags=WARP_FLAGS, borderMode=cv2.BORDER_CONSTANT)
     return box, np.asarray(np.float32(where.rest) * border, np.float32)
+
+
+def draw_halo(sprite: Sprite, stand: SpritePose) -> tuple[Slices, F32] | None:
+    """A box of the canvas and (h, w, 3) what still shows of `Sprite.halo` there; None: nothing."""
+    if sprite.halo is None or stand.where is None:
+        return None
+    (x, y), picture = sprite.halo
+    box = np.s_[y : y + picture.shape[0], x : x + picture.shape[1]]
+    side = max(min(sprite.coverage.shape), 1)
+    dx, dy = stand.pose.x - stand.start.x, stand.pose.y - stand.start.y
+    moved = hypot(dx, dy) / side + abs(stand.pose.angle - stand.start.angle) / 2
+    left = exp(-((moved / LEAVES) ** 2))
+    if left < FAINT:
+        return None
+    return box, picture if left == 1 else picture * np.float32(left)
 
 
 def sprite_coverage(sprite: Sprite, where: Placement) -> F32:

@@ -180,7 +180,9 @@ def _white(sprite: Sprite) -> Sprite:
             trust=1.0,
             fade=None,
         )
-    return replace(sprite, light=three_channels(sprite.coverage), rest=None, ball=ball, relief=None)
+    return replace(
+        sprite, light=three_channels(sprite.coverage), rest=None, halo=None, ball=ball, relief=None
+    )
 
 
 def matte_coverage(frame: Frame) -> F32:
@@ -250,11 +252,12 @@ def lit_stage(
         return Stage(background, anchored(sprites, decode(maps.rgb), decode(background), absent))
     rounds = [world.bodies[s.body].radius is not None and not loose for s, loose in parts]
     gone = _ghosts(maps.labels, absent, coverage, grounds, top)
-    lit, left = decompose_shadows(background, maps.clean, coverage, starts, rounds, setting, gone)
+    changed = (maps.rgb != background).any(axis=2) & (coverage == 0)
+    lit, left = decompose_shadows(background, maps.clean, coverage, starts, rounds, setting, gone, changed)
     photo = decode(maps.rgb)
     if left is not None:  # the photo as it would be without what is left out
         photo = photo * np.exp(np.where(coverage < 0.5, left, 0))[..., None].astype(np.float32)
-    sprites = anchored(sprites, photo, lit.behind(), absent)
+    sprites = anchored(sprites, photo, lit.behind(), absent, lit.owner)
     return Stage(background, sprites, lit, actors, grounds, veils if maps.clean is not None else None)
 
 

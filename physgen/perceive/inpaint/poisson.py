@@ -13,11 +13,35 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.perceive.roles import F32, Mask, Rgb
+from physgen.perceive.roles import F32, Inpaint, Mask, Rgb
 
 ISLAND = 6  # px: gaps between objects narrower than this are mostly contact shadow
-MARGIN = 6  # px beside the hole where another program's background is not compared
 FADE = 5.0  # px into the hole over which a difference at its border fades
+
+
+@dataclass(frozen=True)
+class _Halo:
+    """What objects leave around their masks."""
+
+    reach: float = 20 / 512
+    """Of the photo's longer side: how far it may reach; half the kernel by which the paper dilates (appendix)."""
+    edge: float = 0.1
+    """Of the steepest slope across a mask's border: where it falls below, the blurred rim ends."""
+    within: int = 6
+    """px inside the border where the steepest slope may lie: coverage reaches over the edge."""
+    widest: int = 12
+    """px: widest rim that is measured."""
+    margin: int = 2
+    """px beyond the measured rim: sharpening leaves a line there, and masks are off by as much."""
+    smooth: float = 1.5
+    """px, standard deviation of the blur over which photo and fill are compared."""
+    levels: float = 3.0
+    """Difference from another program's background from which one is seen on an even surface ..."""
+    loud: float = 2.0
+    """... and how many times as large as differences are by chance it is."""
+
+
+HALO = _Halo()
 
 
 def harmonic_fill(picture: F32, hole: Mask, tolerance: float = 0.02) -> F32:
@@ -35,17 +59,57 @@ def harmonic_fill(picture: F32, hole: Mask, tolerance: float = 0.02) -> F32:
 
 
 def seamless(other: Rgb, photo: Rgb, hole: Mask) -> Rgb:
-    """Another program's background `(H, W, 3)`, made to meet the photo at the border of `hole` (H, W).
+    """Another program's background `(H, W, 3)` in `hole` (H, W) and where it differs from the photo beside it.
 
-    The differences some way around the hole are spread over it by a harmonic fill and subtracted (Perez et al. 2003,
-    Poisson image editing); those right at its border, mostly contact shadows, fade out within a few pixels. Outside
-    the hole the result equals `photo`.
+    Its difference in exposure does not count: what is left at the border is spread over the hole by a harmonic fill
+    and subtracted (Perez et al. 2003, Poisson image editing). Elsewhere the result equals `photo`.
     """
-    around = dilate(close_gaps(hole), MARGIN)
-    around = hole if around.all() else around
-    gap = photo.astype(np.float32) - other.astype(np.float32)
-    spread = harmonic_fill(np.where(around[:, :, None], np.float32(0), gap), around)
-    return blend_at_border(other.astype(np.float32) + spread, photo, hole)
+    reach, away = _reach_around(hole)
+    gap = photo.astype(np.float32) - other
+    free, beyond = ((away > far).astype(np.float32)[:, :, None] for far in (0, reach))
+    off = np.abs(_smoothed(gap, free, HALO.smooth) - _smoothed(gap, beyond, reach)).max(axis=2)
+    chance = _smoothed(off[:, :, None] ** 2, beyond, reach)[:, :, 0] ** 0.5
+    differs = (off > HALO.levels + HALO.loud * chance) & (away <= 2 * reach)
+    whole = dilate(_joined_to(hole, differs), 1)
+    spread = harmonic_fill(np.where(whole[:, :, None], np.float32(0), gap), whole)
+    filled = np.clip(other + spread + 0.5, 0, 255).astype(np.uint8)
+    return np.where(whole[:, :, None], filled, photo)
+
+
+def _reach_around(hole: Mask) -> tuple[float, F32]:
+    """px that a halo may reach, less where that would cover the photo; (H, W) px from `hole`."""
+    away = cv2.distanceTransform((~hole).astype(np.uint8), cv2.DIST_L2, 5)
+    reach = HALO.reach * max(hole.shape)
+    while reach > 1 and (away <= reach).all():
+        reach /= 2
+    return reach, np.asarray(away, np.float32)
+
+
+def rim_width(photo: Rgb, hole: Mask) -> int:
+    """px beyond the border of `hole` (H, W) to which objects' blurred rims reach, by the photo's slopes across it."""
+    outside, inside = (cv2.distanceTransform(m.astype(np.uint8), cv2.DIST_L2, 5) for m in (~hole, hole))
+    away = outside - inside
+    across = np.gradient(cv2.GaussianBlur(away, (0, 0), 1))
+    slopes = np.gradient(photo.astype(np.float32).mean(axis=2))
+    slope = np.abs(slopes[0] * across[0] + slopes[1] * across[1])
+    # no pixel lies at 0: the border is between 1 px inside and 1 px outside
+    steps = [-HALO.within + k for k in range(HALO.within)] + list(range(1, HALO.widest + 1))
+    rings = [slope[(away > d - 1) & (away <= d)] for d in steps if ((away > d - 1) & (away <= d)).any()]
+    if len(rings) < len(steps):  # an object that fills the photo, or a tiny one
+        return HALO.margin
+    profile = np.array([ring.mean() for ring in rings])
+    base = float(np.median(profile[-HALO.widest // 2 :]))
+    top = int(np.argmax(profile[: HALO.within + 2]))
+    low = np.flatnonzero(profile[top:] < base + HALO.edge * (profile[top] - base))
+    return HALO.margin + max(0, top + int(low[0]) - HALO.within if len(low) else HALO.widest)
+
+
+def fill_behind(photo: Rgb, hole: Mask, fill: Inpaint) -> Rgb:
+    """`photo` (H, W, 3) with `hole` (H, W) and the blurred rim around it filled."""
+    if not hole.any() or hole.all():
+        return photo.copy()
+    wide = _reach_around(hole)[1] <= rim_width(photo, hole)
+    return fill(photo, hole if wide.all() else wide)
 
 
 def blend_at_border(filled: F32, photo: Rgb, hole: Mask) -> Rgb:
@@ -60,6 +124,23 @@ def blend_at_border(filled: F32, photo: Rgb, hole: Mask) -> Rgb:
     depth = cv2.distanceTransform(hole.astype(np.uint8), cv2.DIST_L2, 5)[:, :, None]
     kept = 1 + harmonic_fill(loss, hole, tolerance=8e-3) * np.exp(-((depth / FADE) ** 2))
     return np.where(hole[:, :, None], np.clip(filled * kept + 0.5, 0, 255).astype(np.uint8), photo)
+
+
+def _smoothed(picture: F32, known: F32, sigma: float) -> F32:
+    """A blur of (H, W, C) from what is `known` (H, W, 1)."""
+    shape = picture.shape
+    sums, weights = (
+        cv2.GaussianBlur(part, (0, 0), sigma).reshape(*shape[:2], -1) for part in (picture * known, known)
+    )
+    return np.asarray(sums / np.maximum(weights, 1e-3), np.float32)
+
+
+def _joined_to(hole: Mask, differs: Mask) -> Mask:
+    """(H, W) the hole and what `differs` in one piece with it."""
+    _, names = cv2.connectedComponents((hole | differs).astype(np.uint8), connectivity=8)
+    kept = np.zeros(int(names.max()) + 1, bool)
+    kept[names[hole]] = True
+    return np.asarray(kept[names] & (hole | differs))
 
 
 def close_gaps(hole: Mask) -> Mask:
