@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 
 from physgen.geometry.polygon import Disc, Region, Ring
@@ -71,3 +72,9 @@ def degrees(a, b) -> float:
 def apart(said: np.ndarray, true: np.ndarray) -> np.ndarray:
     """(...) degrees between unit normals (..., 3)."""
     return np.degrees(np.arccos(np.clip((said * true).sum(-1), -1, 1)))
+
+
+def beyond_halos(coverage: np.ndarray) -> np.ndarray:
+    """(H, W): farther from objects than rims and contact shadows reach."""
+    away = cv2.distanceTransform((coverage == 0).astype(np.uint8), cv2.DIST_L2, 5)
+    return away > 42 / 512 * max(coverage.shape) + 2

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from physgen.perceive.backends.inpaint_fill import fill
-from physgen.perceive.inpaint.poisson import harmonic_fill, seamless
+from physgen.perceive.inpaint.poisson import fill_behind, harmonic_fill, seamless
 
 H, W = 90, 130
 Y, X = np.mgrid[:H, :W].astype(np.float32)
@@ -54,7 +54,7 @@ def test_seamless_is_the_continuation_of_the_photo():
     torn = np.where(hole[:, :, None], 0, photo).astype(np.uint8)
     flat = (photo.astype(int) - 37 + (X / 10)[:, :, None].astype(int)).astype(np.uint8)  # another's exposure
     mended = seamless(flat, torn, hole)
-    assert np.array_equal(mended[~hole], photo[~hole])
+    assert np.abs(mended.astype(int) - photo)[~hole].max() <= 1
     assert np.abs(mended.astype(int) - photo)[hole].max() <= 2
 
 
@@ -88,8 +88,8 @@ def test_fill_learns_nothing_from_an_object_s_blurred_rim():
     rim = (np.hypot(X - 60, Y - 45) < 26.5) & ~hole
     rgb[rim] = (220, 60, 60)
     rgb[hole] = (255, 0, 0)
-    filled = fill()(rgb, hole)
-    assert np.abs(filled[hole].astype(int) - 120).max() <= 2
+    filled = fill_behind(rgb, hole, fill())
+    assert np.abs(filled[hole | rim].astype(int) - 120).max() <= 2
 
 
 def test_fill_carries_an_edge_across():
