@@ -339,12 +339,16 @@ class _Run:
             self.warn(Problem(place, "world", "the energy balance", found, fix, Severity.WARNING))
         if trajectory.effort.overworked >= 0:
             names = [*(body.name for body in world.bodies), *(wall.name for wall in world.walls)]
-            pair = f"{names[trajectory.effort.overworked]} and {names[trajectory.effort.overworked_by]}"
-            found, fix = (
-                "took more work than a run may do: later ones are less exact",
-                "bring their masses closer",
-            )
-            self.warn(Problem(scene.place("objects"), "", f"impacts of {pair}", found, fix, Severity.WARNING))
+            first, second = trajectory.effort.overworked, trajectory.effort.overworked_by
+            if second >= 0:
+                what, fix = f"impacts of {names[first]} and {names[second]}", "bring their masses closer"
+            else:
+                what, fix = (
+                    f"steps of {names[first]}",
+                    "look for a corner that reaches far out, or slow it down",
+                )
+            found = "took more work than a run may do: later ones are less exact"
+            self.warn(Problem(scene.place("objects"), "", what, found, fix, Severity.WARNING))
         if not options.draws:
             return None
         record.seeds["fan"] = options.draw_seed

@@ -209,6 +209,8 @@ class Running:
     def trajectory(self) -> Trajectory:
         """What is known; samples from `done` on are not taken yet, and zeros."""
         pair = self._stepper.budget.exceeded_by or (-1, -1)
+        if self._reach.overworked_by is not None:
+            pair = int(self._space.moving[self._reach.overworked_by]), -1
         effort = Effort(
             steps=self._stepper.steps,
             divided=self._divided,

@@ -24,6 +24,9 @@ class StepTuning:
     """Part of its own smallest extent that a body may move in a step: its middle never crosses a line unseen."""
     most_parts_of_fast: int = 4096
     """Parts of a step."""
+    parts_at_once: int = 10_000
+    parts_a_step: int = 100
+    """Parts that a run may spend, and more for each step: a corner that reaches far out would take hours otherwise."""
     fewest: int = 12
     many: int = 60
     most: int = 120
@@ -82,6 +85,9 @@ class StepDivider:
                 self._jolt[row[push.body]] += force / body.mass * 2
         self.watchful = False
         """Whether something is fast enough to be looked at every step."""
+        self._spare = TUNING.parts_at_once
+        self.overworked_by: int | None = None
+        """The row of the body that asked for more parts than a run may spend."""
 
     def _ratio(self, state: Array, h: float, more: Array | float = 0.0) -> Array:
         """(M,): movement in h seconds over what is allowed."""
@@ -102,6 +108,7 @@ class StepDivider:
         here, there = state[:, :2], state[:, :2] + state[:, 3:5] * h
         reach = self._reach[:, None] + 2.0
         low, high = np.minimum(here, there) - reach, np.maximum(here, there) + reach
+        self._spare += TUNING.parts_a_step
         parts = 1
         for k in fast.tolist():
             meets = (low[:, 0] < high[k, 0]) & (high[:, 0] > low[k, 0])
@@ -112,6 +119,10 @@ class StepDivider:
             blocked &= (still[:, 1] < high[k, 1]) & (still[:, 3] > low[k, 1])
             if meets.any() or blocked.any():
                 parts = max(parts, min(TUNING.most_parts_of_fast, ceil(ratio[k])))
+                if parts > self._spare and self.overworked_by is None:
+                    self.overworked_by = k
+        parts = min(parts, self._spare)
+        self._spare -= parts
         return parts
 
 

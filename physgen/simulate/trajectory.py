@@ -77,7 +77,8 @@ class Effort:
     overworked: int = -1
     overworked_by: int = -1
     """The pair whose impacts spent the work of a run, bodies, then walls; -1: none did. From there on impacts are
-    resolved in one round a step."""
+    resolved in one round a step. A body alone: it moves so far in a step that steps were divided into fewer parts than
+    it needs."""
 
 
 @dataclass(frozen=True)

@@ -458,3 +458,15 @@ def test_masses_too_far_apart_end_with_a_warning(tmp_path: Path, capsys: pytest.
     (line,) = [line for line in capsys.readouterr().err.splitlines() if "more work" in line]
     assert "impacts of " in line
     assert line.endswith("bring their masses closer")
+
+
+@pytest.mark.slow
+def test_a_corner_that_reaches_far_out_ends_with_a_warning(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A cup with one corner 5,600 px away needs 2,800 parts of every step: an hour for a second."""
+    cups = Path(__file__).parents[2] / "scenes" / "cups" / "scene.yaml"
+    flags = ["--set", "objects.cup-2.shape.polygon[14][1]=5647.6", "--set", "world.duration=0.05"]
+    assert main(["render", str(cups), "-o", str(tmp_path), *flags, "--report", "none"]) == 0
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if "more work" in line]
+    assert "steps of cup-2" in line
