@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.compile.shapes import fill_polygon
 from physgen.perceive.roles import Doubt, Segment, Segments
 from physgen.perceive.segment.candidates import FEATURES, Candidates, candidates, confidence, expected_fit
 from physgen.perceive.segment.gradient import smoothed_lab
@@ -47,6 +48,14 @@ class LearnedConstants:
     """Share of a whole that its two or more parts cover, from which it replaces them."""
     doubts: int = 8
     """Doubtful objects at most."""
+    set_size: int = 5
+    """Round objects of one radius from which they are a set, as of balls or marbles."""
+    round: float = 0.9
+    """Share of its smallest enclosing circle from which an object is round."""
+    equal: float = 0.05
+    """Of their median radius: half of a set's objects differ by less."""
+    room: tuple[float, float] = (0.8, 1.25)
+    """Of a set's radius: the largest disc in a doubtful region, or about it between others, that is one more."""
 
 
 LEARNED = LearnedConstants()
@@ -68,7 +77,37 @@ def segment(rgb: NDArray[np.uint8]) -> Segments:
     sure = sure[fit[sure] > 0]
     some = [found.proposals[k] for k in sure.tolist()]
     objects = as_segments(rgb, some, fit[sure], confidence(fit[sure]), found.shape)
-    return replace(objects, doubtful=doubts(found, fit, sure, rgb.shape[:2]))
+    return with_rest_of_set(replace(objects, doubtful=doubts(found, fit, sure, rgb.shape[:2])))
+
+
+def with_rest_of_set(objects: Segments) -> Segments:
+    """Where the objects are round and equal, balls of a set, doubtful regions with room for one more become that."""
+    radii = []
+    for k in range(1, len(objects.confidence) + 1):
+        points = np.argwhere(objects.labels == k)[:, ::-1].astype(np.float32)
+        _, around = cv2.minEnclosingCircle(points)
+        if len(points) > LEARNED.round * np.pi * around**2:
+            radii.append(float(np.sqrt(len(points) / np.pi)))
+    radius = float(np.median(radii)) if radii else 0.0
+    if len(radii) < LEARNED.set_size or np.median(np.abs(np.array(radii) - radius)) > LEARNED.equal * radius:
+        return objects
+    labels, sure, rest = objects.labels.copy(), list(objects.confidence), []
+    size = labels.shape[1], labels.shape[0]
+    for doubt in objects.doubtful:
+        free = fill_polygon(tuple(doubt.polygon), size) & (labels == 0)
+        for place in (free, labels == 0):  # the region itself, or the gap between others that it lies in
+            depth = (
+                cv2.distanceTransform(np.pad(place, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1] * free
+            )
+            if LEARNED.room[0] * radius <= depth.max() <= LEARNED.room[1] * radius:
+                y, x = np.unravel_index(int(depth.argmax()), depth.shape)
+                rows, columns = np.ogrid[: size[1], : size[0]]
+                sure.append(doubt.confidence)
+                labels[(np.hypot(columns - x, rows - y) <= radius) & (labels == 0)] = len(sure)
+                break
+        else:
+            rest.append(doubt)
+    return left_to_right(Segments(labels, np.array(sure), rest))
 
 
 def as_segments(
@@ -84,13 +123,19 @@ def as_segments(
     """
     rising = np.argsort(scores, kind="stable")
     labels = tighten(rgb, [proposals[i].on(shape) for i in rising.tolist()])
-    count = np.bincount(labels.ravel(), minlength=len(rising) + 1)
+    return left_to_right(Segments(labels.astype(np.uint16), confidences[rising]))
+
+
+def left_to_right(objects: Segments) -> Segments:
+    """The same, ids from left to right by centroid; those without a pixel are left out."""
+    labels = objects.labels
+    count = np.bincount(labels.ravel(), minlength=len(objects.confidence) + 1)
     x = np.bincount(labels.ravel(), np.indices(labels.shape)[1].ravel(), len(count)) / np.maximum(count, 1)
     order = 1 + np.argsort(x[1:], kind="stable")
     order = order[count[order] > 0]
     ids = np.zeros(len(count), np.uint16)
     ids[order] = np.arange(1, len(order) + 1)
-    return Segments(ids[labels], confidences[rising][order - 1])
+    return replace(objects, labels=ids[labels], confidence=objects.confidence[order - 1])
 
 
 def worth(found: Candidates, fit: NDArray[np.float64]) -> NDArray[np.float64]:

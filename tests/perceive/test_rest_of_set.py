@@ -1,0 +1,39 @@
+"""One more ball of a set, where a doubtful region has room for just that."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from physgen.perceive.backends.segment_learned import with_rest_of_set
+from physgen.perceive.roles import Doubt, Segments
+
+R = 20.0
+CENTER = np.array([100.0, 90.0])
+
+
+def rack(radii: list[float]) -> Segments:
+    """Six discs that touch one in their middle, which is found as a speck alone."""
+    rows, columns = np.mgrid[:180, :200]
+    labels = np.zeros(rows.shape, np.uint16)
+    for k, radius in enumerate(radii):
+        x, y = CENTER + 2 * R * np.array([np.cos(k * np.pi / 3), np.sin(k * np.pi / 3)])
+        labels[np.hypot(columns - x, rows - y) < radius] = k + 1
+    x, y = CENTER
+    speck = Doubt([(x - 4, y - 4), (x + 4, y - 4), (x + 4, y + 4), (x - 4, y + 4)], 0.2)
+    apart = Doubt([(2.0, 2.0), (12.0, 2.0), (12.0, 12.0), (2.0, 12.0)], 0.2)
+    return Segments(labels, np.ones(len(radii)), [speck, apart])
+
+
+def test_the_ball_between_six_others_is_found() -> None:
+    found = with_rest_of_set(rack([R - 0.5] * 6))
+    assert len(found.confidence) == 7
+    assert len(found.doubtful) == 1
+    new = found.labels == 1 + int(np.flatnonzero(found.confidence < 1)[0])
+    rows, columns = np.nonzero(new)
+    assert np.abs([columns.mean() - CENTER[0], rows.mean() - CENTER[1]]).max() < 1
+    assert abs(np.sqrt(new.sum() / np.pi) - R) < 1.5
+
+
+def test_discs_of_many_sizes_are_no_set() -> None:
+    various = rack([8, 10, 13, 16, 18, 19.5])
+    assert with_rest_of_set(various) is various
