@@ -364,15 +364,22 @@ def test_odd_and_small_sizes_from_photo_to_video(tmp_path: Path, size: tuple[int
     assert np.array_equal(first, levels(picture))
 
 
-@pytest.mark.parametrize("side", [1, 5])
+@pytest.mark.parametrize("side", [1, 5, 8])
 def test_photos_too_small_for_an_object(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], side: int
 ) -> None:
     Image.new("RGB", (side, side), "red").save(tmp_path / "p.png")
-    assert main(["perceive", str(tmp_path / "p.png"), "-o", str(tmp_path / "s.yaml")]) == 0
-    assert capsys.readouterr().err.count("\n") == 1  # that it hardly suits
-    assert "no region of the photo looks like" in (tmp_path / "s.yaml").read_text()
-    assert main(["check", str(tmp_path / "s.yaml")]) == 0
+    code = main(["perceive", str(tmp_path / "p.png"), "-o", str(tmp_path / "s.yaml")])
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    if side < 8:
+        assert code == 2
+        assert "is too small to find objects in; use a photo of at least 8 px a side" in told
+        assert not (tmp_path / "s.yaml").exists()
+    else:
+        assert code == 0  # it hardly suits
+        assert "no region of the photo looks like" in (tmp_path / "s.yaml").read_text()
+        assert main(["check", str(tmp_path / "s.yaml")]) == 0
 
 
 def test_any_photo_becomes_a_scene_of_srgb(tmp_path: Path) -> None:

@@ -118,7 +118,8 @@ def of(path: Path) -> dict[int, int]:
 def test_a_scene_tells_layers_with_who_said_so_and_why(scene: Path) -> None:
     assert of(scene) == {2: 1, 3: 1}
     text = scene.read_text()
-    assert text.count("layer: outlines 0.") == 2
+    record = (scene.parent / "scene.assets" / "perceived.json").read_text()
+    assert record.count('"layer": "outlines 0.') == 2
     assert text.count("it hides parts of") == 2
 
 

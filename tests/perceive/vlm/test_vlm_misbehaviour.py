@@ -25,5 +25,5 @@ def test_each_ends_in_a_scene_or_in_one_clear_message(
             assert told in lines[0]
         assert not seen.scene
     else:
-        assert "mass: vlm 0.49" in seen.scene
+        assert "g, vlm 0.49: " in seen.scene
         assert "--backend" not in seen.stderr
