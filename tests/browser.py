@@ -223,8 +223,8 @@ def fallen(time: float) -> tuple[float, float]:
 
 
 CELL, COARSEST = 8, 16
-"""Px that a cell of a golden picture averages, and the most levels that it may differ by: where letters are smoothed
-otherwise cells differ by at most 9, where a button is gone or a part has moved by 24 px by more than 30."""
+"""Px that a cell of a golden picture averages, and the most levels that it may differ by: letters that are smoothed
+otherwise pass, and a part that has moved by 24 px fails (both are tested)."""
 
 
 def looks_like(seen: Any, golden: Path, *, renew: bool = False) -> str:
