@@ -17,9 +17,7 @@ from physgen.report.gallery import write_gallery
 pytestmark = pytest.mark.slow
 
 GOLDEN = Path(__file__).parent.parent / "golden_pages"
-MACHINE = (
-    "#provenance :is(dl, .facts, .copied, .hashes), .lead small, .shot *, footer { visibility: hidden; }"
-)
+MACHINE = "#provenance :is(dl, .facts, .copied, .hashes), .lead small, .shot *, footer { display: none; }"
 """What versions, paths, dates and the loading of pictures decide."""
 OTHER_LETTERS = "* { -webkit-text-stroke: .12px; }"
 """About what another font smoothing does."""
