@@ -29,8 +29,7 @@ from physgen.batch.compare import (
 )
 from physgen.export.video import Format
 from physgen.files import final_name
-from physgen.pipeline.packs import scene_file
-from physgen.pipeline.stages import Film, Keep, Stages
+from physgen.pipeline.stages import Film, Keep, Stages, scene_file
 from physgen.problems import InputError, Problem
 from physgen.report.record import RunRecord, file_hash, frame_hash, inputs, json_text, versions
 from physgen.scene.scene import Scene

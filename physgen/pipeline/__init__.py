@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from physgen.pipeline.clip import Page, RenderOptions, output_name, render_scene
-from physgen.pipeline.packs import scene_file
 from physgen.pipeline.perceiving import import_physgen, perceive
 from physgen.pipeline.refining import Refiners
 from physgen.pipeline.stages import (
@@ -15,6 +14,7 @@ from physgen.pipeline.stages import (
     load,
     percepts,
     render,
+    scene_file,
     shot,
     simulate,
     stage,

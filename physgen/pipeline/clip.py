@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 
 from physgen.export.video import Format
 from physgen.files import file_stamp
-from physgen.pipeline.packs import scene_file
 from physgen.pipeline.refining import Refiners, guidance_footage, refine_footage
-from physgen.pipeline.stages import Film, Keep, Stages, fan, lint, render
+from physgen.pipeline.stages import Film, Keep, Stages, fan, lint, render, scene_file
 from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
 from physgen.progress import Progress, silent
 from physgen.scene.scene import Motion

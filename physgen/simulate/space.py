@@ -1,0 +1,265 @@
+"""The one space of pymunk: Chipmunk finds contacts and solves normal forces, friction and joints.
+
+No other module uses pymunk. Shapes have no elasticity: bounces are computed in `collisions`.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pymunk
+import pymunk.batch as batch
+from numpy.typing import NDArray
+from pymunk.batch import ArbiterFields, BodyFields
+
+from physgen.compile.world import Body, Joint, Wall, World
+from physgen.scene.scene import JointKind, Motion
+from physgen.simulate.contacts import NUMBERS, WORDS
+from physgen.simulate.friction import Pair
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+SLOP = 0.005
+"""px of overlap that is let stand: keeps resting contacts alive without a visible sink."""
+SEAM = 0.5
+"""px between the ends of two walls that make one smooth line."""
+STRAIGHT = 0.999
+"""Cosine of the angle up to which two walls that meet make one smooth line."""
+
+MOST_ORDERS = 1000
+"""Lists of contacts whose order is remembered."""
+Order = tuple[NDArray[np.int64], Index, list[tuple[int, int]], bytes]
+"""(K, 3) words, (K,) their order by pairs, runs of one pair, and the words in order where there is no run."""
+_PLACE = [4, 5, 9, 10, 0, 1, 2, 3]
+"""Numbers of a contact by which those of one pair are sorted: points on both bodies, impulse, normal."""
+_STATE = BodyFields.POSITION | BodyFields.ANGLE | BodyFields.VELOCITY | BodyFields.ANGULAR_VELOCITY
+_LOAD = BodyFields.FORCE | BodyFields.TORQUE
+_CONTACT = (
+    ArbiterFields.BODY_A_ID
+    | ArbiterFields.BODY_B_ID
+    | ArbiterFields.TOTAL_IMPULSE
+    | ArbiterFields.NORMAL
+    | ArbiterFields.CONTACT_COUNT
+    | ArbiterFields.POINT_A_1
+    | ArbiterFields.POINT_B_1
+    | ArbiterFields.DISTANCE_1
+    | ArbiterFields.POINT_A_2
+    | ArbiterFields.POINT_B_2
+    | ArbiterFields.DISTANCE_2
+)
+
+
+class Space:
+    """One space in motion; states are (M, 6): x, y, angle, vx, vy, spin of the bodies that are not static."""
+
+    def __init__(self, world: World) -> None:
+        space = pymunk.Space()
+        space.gravity = tuple(world.gravity.tolist())
+        space.collision_slop = SLOP
+        space.collision_persistence = 1  # else the batch reader still lists contacts that have parted
+        self._space, self._gravity = space, world.gravity
+        bodies = [_add_body(space, body) for body in world.bodies]
+        smooth = _neighbours(world.walls)
+        walls = [_add_wall(space, wall, smooth) for wall in world.walls]
+        self._bodies = bodies
+        self._anchor = pymunk.Body(body_type=pymunk.Body.STATIC)
+        space.add(self._anchor)
+        _add_joints(space, world.joints, bodies, self._anchor)
+        ids = np.array([body.id for body in (*bodies, *walls)], np.uint64)
+        self._by_id = np.argsort(ids)
+        self._ids = ids[self._by_id]
+        self.moving = np.flatnonzero([body.motion is not Motion.STATIC for body in world.bodies])
+        """(M,): bodies that the state lists, in order."""
+        M = len(self.moving)
+        self._states, self._contacts = batch.Buffer(), batch.Buffer()
+        # the batch functions go through the bodies that move in the order they were added, then the static ones
+        still = [b.center for b in world.bodies if b.motion is Motion.STATIC] + [np.zeros(2)] * (
+            len(walls) + 1
+        )
+        self._placing, self._pushing = np.zeros((M + len(still), 6)), np.zeros((M + len(still), 3))
+        self._placing[M:, :2] = np.array(still).reshape(-1, 2)
+        self._place_buffer, self._push_buffer = batch.Buffer(), batch.Buffer()
+        if M:
+            self._place_buffer.set_float_buf(self._placing)
+            self._push_buffer.set_float_buf(self._pushing)
+        self._brakes: dict[Pair, pymunk.SimpleMotor] = {}
+        self._orders: dict[bytes, Order] = {}
+        """By contacts as pymunk lists them: few lists come again and again."""
+
+    @property
+    def iterations(self) -> int:
+        """Sweeps of the contact solver a step."""
+        return int(self._space.iterations)
+
+    @iterations.setter
+    def iterations(self, count: int) -> None:
+        self._space.iterations = count
+
+    def step(self, h: float) -> tuple[bytes, bytes, bytes]:
+        """Move by the velocities, then find contacts and change the velocities; states, contact words and numbers."""
+        self._space.step(h)
+        self._states.clear()
+        batch.get_space_bodies(self._space, _STATE, self._states)
+        self._contacts.clear()
+        batch.get_space_arbiters(self._space, _CONTACT, self._contacts)
+        return (bytes(self._states.float_buf()[: 48 * len(self.moving)]), *self._in_order())
+
+    def _in_order(self) -> tuple[bytes, bytes]:
+        """Contacts by bodies and places; pymunk's ids and order are those of memory addresses."""
+        listed = bytes(self._contacts.int_buf())
+        rows = np.frombuffer(self._contacts.float_buf()).reshape(-1, NUMBERS)
+        if listed not in self._orders:
+            if len(self._orders) >= MOST_ORDERS:
+                self._orders.clear()
+            self._orders[listed] = self._order(listed)
+        words, order, alike, sorted_words = self._orders[listed]
+        if not alike:
+            return sorted_words, rows[order].tobytes()
+        order = order.copy()
+        places = rows[:, _PLACE].tolist()
+        for start, end in alike:
+            order[start:end] = sorted(order[start:end].tolist(), key=places.__getitem__)
+        return words[order].tobytes(), rows[order].tobytes()
+
+    def _order(self, listed: bytes) -> Order:
+        """Contacts as pymunk lists them: with our numbers of bodies, their order, and runs of one pair in it."""
+        words = np.frombuffer(listed, np.int64).reshape(-1, WORDS).copy()
+        words[:, :2] = self._by_id[np.searchsorted(self._ids, words[:, :2].view(np.uint64))]
+        pair = words[:, 0] << 32 | words[:, 1]
+        order = np.argsort(pair, kind="stable")
+        _, starts, counts = np.unique(pair[order], return_index=True, return_counts=True)
+        # several pieces or segments, of which some touch at one and the same corner
+        alike = [(a, a + n) for a, n in zip(starts.tolist(), counts.tolist(), strict=True) if n > 1]
+        return words, order, alike, words[order].tobytes()
+
+    def weaken(self, part: float) -> None:
+        """Let gravity act with a part of its strength."""
+        self._space.gravity = tuple((self._gravity * part).tolist())
+
+    def place(self, state: Array) -> None:
+        """Set positions and velocities, (M, 6)."""
+        self._placing[: len(state)] = state
+        if len(state):
+            batch.set_space_bodies(self._space, _STATE, self._place_buffer)
+
+    def push(self, load: Array) -> None:
+        """Forces and torques for the next step, (M, 3): g·px/s², g·px/s², g·px²/s²."""
+        self._pushing[: len(load)] = load
+        if len(load):
+            batch.set_space_bodies(self._space, _LOAD, self._push_buffer)
+
+    def brake(self, key: Pair, torque: float) -> None:
+        """Let a torque of at most so much resist the turning of one body against another or the world."""
+        first, second = key
+        if key not in self._brakes:
+            other = self._anchor if second < 0 else self._bodies[second]
+            motor = pymunk.SimpleMotor(self._bodies[first], other, 0.0)
+            self._space.add(motor)
+            self._brakes[key] = motor
+        self._brakes[key].max_force = torque
+
+    def braked(self) -> dict[Pair, float]:
+        """Size of the angular impulse that each brake gave in the last step, g·px²/s."""
+        return {key: float(motor.impulse) for key, motor in self._brakes.items()}
+
+
+def _add_body(space: pymunk.Space, model: Body) -> pymunk.Body:
+    if model.motion is Motion.DYNAMIC:
+        body = pymunk.Body(model.mass, model.moment)
+    elif model.motion is Motion.STATIC:
+        body = pymunk.Body(body_type=pymunk.Body.STATIC)
+    else:
+        body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
+    body.position = tuple(model.center.tolist())
+    space.add(body)
+    if model.radius is not None:
+        shapes: list[pymunk.Shape] = [pymunk.Circle(body, model.radius)]
+    else:
+        shapes = [pymunk.Poly(body, piece.tolist()) for piece in model.pieces]
+    for shape in shapes:
+        shape.friction = model.surface.friction
+        space.add(shape)
+    return body
+
+
+def _add_wall(space: pymunk.Space, wall: Wall, smooth: dict[tuple[float, ...], list[float]]) -> pymunk.Body:
+    """A body of its own, so that contacts know which wall they touch."""
+    body = pymunk.Body(body_type=pymunk.Body.STATIC)
+    space.add(body)
+    for chain in wall.chains:
+        for a, b in pairwise(chain.tolist()):
+            segment = pymunk.Segment(body, a, b, 0.0)
+            segment.friction = wall.surface.friction
+            before, after = smooth.get((*a, *b)), smooth.get((*b, *a))
+            if before is not None or after is not None:
+                # without a neighbour, a point on the segment's own line lets its end be hit from outside only
+                segment.set_neighbors(tuple(before or a), tuple(after or b))
+            space.add(segment)
+    return body
+
+
+def _neighbours(walls: tuple[Wall, ...]) -> dict[tuple[float, ...], list[float]]:
+    """(near end, far end) of a segment -> far end of the one that carries on from its near end in a straight line.
+
+    Told of its neighbours, a segment's end no longer trips what slides over the seam.
+    """
+    ends = [
+        (np.array(near), np.array(far))
+        for wall in walls
+        for chain in wall.chains
+        for a, b in pairwise(chain.tolist())
+        for near, far in ((a, b), (b, a))
+    ]
+    found: dict[tuple[float, ...], list[float]] = {}
+    if not ends:
+        return found
+    nears = np.array([near for near, _ in ends])
+    away = np.array([far - near for near, far in ends])
+    away /= np.maximum(np.hypot(*away.T), 1e-12)[:, None]
+    order = np.argsort(nears[:, 0], kind="stable")
+    sorted_x = nears[order, 0]
+    for k in range(len(ends)):
+        low, high = np.searchsorted(sorted_x, [nears[k, 0] - SEAM, nears[k, 0] + SEAM])
+        others = order[low:high]
+        meets = np.hypot(*(nears[others] - nears[k]).T) <= SEAM
+        straight = away[others] @ away[k] <= -STRAIGHT
+        for other in others[meets & straight].tolist():
+            if other // 2 != k // 2:
+                key = (*ends[k][0].tolist(), *ends[k][1].tolist())
+                found.setdefault(key, ends[other][1].tolist())
+    return found
+
+
+def _add_joints(
+    space: pymunk.Space, joints: tuple[Joint, ...], bodies: list[pymunk.Body], world: pymunk.Body
+) -> None:
+    """Pins and welds, so that contacts are solved with them. They keep velocities only: where joints are, and motors,
+    is for joined.py, which solves them exactly after each step; springs are loads.
+
+    Where a weld sits does not matter; between the two centres it turns by the shortest levers.
+    """
+    for joint in joints:
+        if joint.kind is JointKind.SPRING:
+            continue
+        a = bodies[joint.first]
+        b = world if joint.second is None else bodies[joint.second]
+        first, second = joint.first_at, joint.second_at
+        if joint.kind is JointKind.WELD:
+            one, two = np.array(a.position), np.array(b.position)
+            middle = (
+                one
+                if joint.second is None
+                else (a.mass * one + b.mass * two) / (a.mass + b.mass)
+                if a.mass + b.mass < np.inf
+                else two
+            )
+            first, second = middle - one, middle - two
+        parts: list[pymunk.Constraint] = [pymunk.PivotJoint(a, b, first.tolist(), second.tolist())]
+        if joint.kind is JointKind.WELD:
+            parts.append(pymunk.GearJoint(a, b, 0.0, 1.0))
+        for part in parts:
+            part.error_bias = 1.0
+            part.collide_bodies = joint.collide
+            space.add(part)
