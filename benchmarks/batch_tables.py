@@ -96,8 +96,8 @@ def attack_table(rows: Sequence[Row]) -> list[str]:
     seeds, scenes = len({row["seed"] for row in rows}), total("inputs", "scenes")
     others = total("inputs") - scenes - total("inputs", "interrupted")
     return prose(
-        f"{seeds} seeds: {scenes:,} mutated scenes, {others:,} odd assets, pictures, packs, arguments, disks,",
-        f"editors and parallel runs, {total('inputs', 'interrupted')} interrupted renders.",
+        f"{seeds} seeds: {scenes:,} mutated scenes, {others:,} other inputs,",
+        f"{total('inputs', 'interrupted')} interrupted renders.",
         f"Faults, as `benchmarks/attack.py` lists them: {total('faulty') or 'none'}.",
         f"{total('refused'):,} commands refused their input,",
         f"with at most {max(row['refused_mib'] for row in rows)} MiB.",

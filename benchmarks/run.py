@@ -4,6 +4,7 @@
     python benchmarks/run.py render start    # some of it
     python benchmarks/run.py physics         # the physics scorecard, its page and the scenes of its first draws
     python benchmarks/run.py rivals          # the same rows in other engines, beside ours; some minutes
+    python benchmarks/run.py ghosts          # edges left where objects and their shadows were
     python benchmarks/run.py fidelity        # frames against the studio's truth videos
     python benchmarks/run.py gallery         # pages of 1,000 and 5,000 clips in headless Chromium
     python benchmarks/run.py batch           # many clips: throughput, what each costs beside its stages, memory
@@ -42,6 +43,7 @@ from editor import editor
 from fid import fid
 from frames import frames as frame_rows
 from gallery import gallery
+from ghosts import ghosts
 from growth import growth, plot
 from kills import kills
 from labels import labels
@@ -179,7 +181,13 @@ PARTS = {
     "names": names,
     "physics": physics,
 }
-PARTS |= {"rivals": rivals, "growth": growth, "fidelity": frames_against_truth, "shadows": shadows}
+PARTS |= {
+    "rivals": rivals,
+    "growth": growth,
+    "fidelity": frames_against_truth,
+    "shadows": shadows,
+    "ghosts": ghosts,
+}
 PARTS |= {"frames": frame_costs}
 PARTS |= {"prompts": prompts, "perceive": perceiving, "percepts": percepts}
 PARTS |= {

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from statistics import median
 
 import accuracy
 import batch_tables
@@ -16,6 +17,7 @@ import paper
 import plausibility.table
 import scale
 import sureness
+from ghosts import RING
 from growth import KINDS, exponent
 from layout import number, prose, table
 
@@ -308,6 +310,18 @@ def _shadows(rows: list[dict]) -> list[str]:
     )
 
 
+def _ghosts(rows: list[dict]) -> list[str]:
+    true = [row for row in rows if row["outline_true"] is not None]
+    off = [abs(row["outline"] - row["outline_true"]) for row in true]
+    off += [abs(row["shadow"] - row["shadow_true"]) for row in true if row["shadow"] and row["shadow_true"]]
+    worst = max(row[key] for row in rows if row not in true for key in ("outline", "shadow") if row[key])
+    return prose(
+        f"Slope across old outlines and shadows over that {RING} px beside, last frames: on {len(true)}",
+        f"scenes at most {max(off):.2f} from the true empty place's (median {median(off):.2f}); on peers' scenes at",
+        f"most {worst:.2f}.",
+    )
+
+
 def _fidelity(rows: list[dict]) -> list[str]:
     means = [row for row in fidelity.means(rows) if row["half"] == "test"]
     ahead = fidelity.ahead(fidelity.means(rows)) or 0.0
@@ -352,6 +366,7 @@ SECTIONS = {
     "Pointing at objects": ("prompts", _prompts),
     "Perception against truth": ("percepts", _percepts),
     "Removing shadows": ("shadows", _shadows),
+    "Ghosts": ("ghosts", _ghosts),
     "Mass, friction and elasticity": ("properties", paper.properties_table),
     "Confidence of masses": ("sureness", sureness.tables),
     "Fidelity": ("fidelity", _fidelity),
