@@ -316,7 +316,7 @@ def _ghosts(rows: list[dict]) -> list[str]:
     off += [abs(row["shadow"] - row["shadow_true"]) for row in true if row["shadow"] and row["shadow_true"]]
     worst = max(row[key] for row in rows if row not in true for key in ("outline", "shadow") if row[key])
     return prose(
-        f"Slope across old outlines and shadows over that {RING} px beside, last frames: on {len(true)}",
+        f"Slope across old outlines and shadows over that {RING} px beside: on {len(true)}",
         f"scenes at most {max(off):.2f} from the true empty place's (median {median(off):.2f}); on peers' scenes at",
         f"most {worst:.2f}.",
     )
