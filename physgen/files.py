@@ -6,7 +6,7 @@ import filecmp
 import os
 import re
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import cache
 from hashlib import sha256
@@ -35,6 +35,12 @@ def resource(*parts: str) -> Path:
         if path.exists():
             return path
     raise FileNotFoundError(f"physgen was installed without {'/'.join(parts)}; install it again")
+
+
+def cache_folder(environment: Mapping[str, str] = os.environ) -> Path:
+    """Where results that can be made again are kept. Raises RuntimeError where there is no home folder."""
+    home = environment.get("XDG_CACHE_HOME", "")
+    return (Path(home) if os.path.isabs(home) else Path.home() / ".cache") / "physgen"
 
 
 _PARTIAL = re.compile(r"\.(?P<name>[^/]+)\.\d+(-[0-9a-f]+)?\.part$")

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from math import radians, sqrt
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from physgen.geometry.polygon import Disc, Outline, Pose, Region, Ring, mass_properties, rotation
@@ -76,10 +77,21 @@ class Body:
 
     @property
     def size(self) -> float:
-        """Smallest width of its thinnest piece in any direction, px: what a step may not jump over."""
+        """Smallest width of its thinnest limb in any direction, px: what a step may not jump over.
+
+        A piece that lies along wider ones, nowhere farther from them than it is wide, is a sliver and no limb.
+        """
         if self.radius is not None:
             return 2 * self.radius
-        return min(_width(piece) for piece in self.pieces)
+        widths = [_width(piece) for piece in self.pieces]
+        size = max(widths)
+        wider: list[shapely.Polygon] = []
+        for width, piece in sorted(zip(widths, self.pieces, strict=True), key=lambda pair: -pair[0]):
+            beyond = shapely.distance(shapely.points(piece), shapely.union_all(wider)) > width
+            if beyond.any():
+                size = width
+            wider.append(shapely.Polygon(piece))
+        return size
 
 
 def _width(piece: Array) -> float:

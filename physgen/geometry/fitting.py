@@ -44,19 +44,6 @@ class FitTuning:
 FIT = FitTuning()
 
 
-def fit_outline(mask: NDArray[np.bool_]) -> Outline:
-    """The outline of one object's mask `(H, W)`; ValueError where the mask is empty.
-
-    A region's borders stand off the mask's half-level line by at most 0.5 px (Hausdorff distance). Pieces under a few
-    px² are dropped and such holes filled; see `clean`.
-    """
-    if not mask.any():
-        raise ValueError("the mask is empty")
-    mask = without_specks(mask)
-    disc = disc_of(mask)
-    return disc if disc is not None else fit_regions(mask.astype(np.int64))[1]
-
-
 def disc_of(mask: NDArray[np.bool_]) -> Disc | None:
     """The circle of a clean mask, where it covers the mask well enough and better than a rectangle does."""
     border = long_border(mask)
@@ -135,8 +122,9 @@ def fit_outlines(
 ) -> dict[int, Outline]:
     """Outlines of the objects `ids` of a label map `(H, W)`; ValueError where an id has no pixels.
 
-    Discs as in `fit_outline`, then moved together; the other objects share their borders. Those of `never_discs` are
-    regions, however round, and so is what stands on a flat foot.
+    Discs where circles fit, moved together; the other objects share their borders, which stand off the half-level
+    lines of their masks by at most 0.5 px (Hausdorff distance). Those of `never_discs` are regions, however round, and
+    so is what stands on a flat foot. Pieces under a few px² are dropped and such holes filled.
     """
     owned = _owned(labels, ids)
     views = _views(owned, ids)

@@ -15,7 +15,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from physgen.files import partial
+from physgen.files import cache_folder, partial
 from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
 
 SUFFIX = ".entry"
@@ -140,11 +140,10 @@ class Store:
 
 def open_store(environment: Mapping[str, str] = os.environ, warn: Warn = ignore_warning) -> Store:
     """The store of stage results, at the place and with the bound that the environment names. Raises InputError."""
-    home = environment.get("XDG_CACHE_HOME", "")
     try:
-        folder = Path(home) if os.path.isabs(home) else Path.home() / ".cache"
+        folder = cache_folder(environment)
     except RuntimeError:  # no home folder: the user is warned when something is to be kept
-        folder = Path(os.devnull)
+        folder = Path(os.devnull, "physgen")
     most = MOST_BYTES
     if text := environment.get("PHYSGEN_CACHE_BYTES", ""):
         match = _BYTES.fullmatch(text.strip())
@@ -153,4 +152,4 @@ def open_store(environment: Mapping[str, str] = os.environ, warn: Warn = ignore_
             raise InputError.of("PHYSGEN_CACHE_BYTES", f'"{text}"', "is not a number of bytes", fix)
         power = " KMGT".index(match["unit"].upper() or " ")
         most = int(min(float(match["number"]) * 1000.0**power, 1e18))
-    return Store(folder / "physgen" / "stages", most, warn)
+    return Store(folder / "stages", most, warn)

@@ -5,14 +5,17 @@ from __future__ import annotations
 import base64
 import io
 import json
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, JpegImagePlugin, PngImagePlugin, WebPImagePlugin  # noqa: F401
 
-from physgen.files import resource
+from physgen.files import cache_folder, resource
 
 U8 = NDArray[np.uint8]
 
@@ -29,11 +32,28 @@ KINDS = {
 
 def template(name: str) -> Any:
     """A Jinja template of `templates/`; values are escaped, and missing ones are an error."""
+    return _environment(resource("templates", name).parent).get_template(name)
+
+
+@cache
+def _environment(folder: Path) -> Any:
+    """Of a folder's templates, each compiled once; translating them to Python takes longer than filling them in."""
     import jinja2
 
-    loader = jinja2.FileSystemLoader(resource("templates", name).parent)
-    environment = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined)
-    return environment.get_template(name)
+    class Compiled(jinja2.FileSystemBytecodeCache):
+        def dump_bytecode(self, bucket: Any) -> None:
+            with suppress(OSError):  # a full disk: the template is in memory all the same
+                super().dump_bytecode(bucket)
+
+    kept = None
+    with suppress(OSError, RuntimeError):
+        place = cache_folder() / "templates"
+        place.mkdir(parents=True, exist_ok=True)
+        kept = Compiled(str(place))
+    loader = jinja2.FileSystemLoader(folder)
+    return jinja2.Environment(
+        loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, bytecode_cache=kept
+    )
 
 
 def script_json(data: object) -> str:

@@ -59,9 +59,11 @@ def touching(words: bytes, numbers: bytes | None) -> Touching:
     )
 
 
-def split_contacts(words: bytes) -> list[bytes]:
-    """Contacts one by one, as their partners and number of points."""
-    return [words[k : k + CONTACT_BYTES] for k in range(0, len(words), CONTACT_BYTES)]
+def contact_keys(words: bytes) -> list[int]:
+    """One number for the partners and the count of points of each contact."""
+    ints = np.frombuffer(words, np.int64).reshape(-1, WORDS)
+    keys: list[int] = ((ints[:, 0] << 32 | ints[:, 1]) << 2 | ints[:, 2]).tolist()
+    return keys
 
 
 def any_closes(

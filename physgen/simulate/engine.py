@@ -26,10 +26,10 @@ from physgen.simulate.contacts import (
     ContactProperties,
     Touching,
     any_closes,
+    contact_keys,
     contact_places,
     contact_points,
     contacts_jumped,
-    split_contacts,
     touching,
 )
 from physgen.simulate.forces import (
@@ -469,8 +469,8 @@ class Stepper:
         wide, fast = self._wide, self._fast
         wide[self._space.moving], fast[self._space.moving] = pose, velocity
         if not surprise and not first:
-            known = set(split_contacts(self._words))
-            new = [k for k, contact in enumerate(split_contacts(words)) if contact not in known]
+            known = set(contact_keys(self._words))
+            new = [k for k, contact in enumerate(contact_keys(words)) if contact not in known]
             if len(new) <= FEW and not any_closes(words, numbers, new, wide, fast, threshold):
                 return None
         touch = touching(words, numbers)
@@ -479,8 +479,7 @@ class Stepper:
             return None
         objects = len(wide)
         was = touch if first else touching(self._words, None)
-        before = set(_pairs(was, objects))
-        touched = np.array([pair in before for pair in _pairs(touch, objects)], bool)
+        touched = np.isin(_pairs(touch, objects), _pairs(was, objects))
         points = replace(points, closing=np.where(surprise | ~touched[points.row], points.closing, 0.0))
         if not (points.closing > threshold).any():
             return None
@@ -493,7 +492,7 @@ class Stepper:
         return solver.run(self.budget)
 
 
-def _pairs(touch: Touching, objects: int) -> list[tuple[int, int]]:
-    """Each contact's partners, in one order, and its number of points."""
+def _pairs(touch: Touching, objects: int) -> Index:
+    """(K,): one number for the partners, in whichever order, and the count of points of each contact."""
     low, high = np.minimum(touch.first, touch.second), np.maximum(touch.first, touch.second)
-    return list(zip((low * objects + high).tolist(), touch.count.tolist(), strict=True))
+    return (low * objects + high) * 4 + touch.count

@@ -5,12 +5,15 @@ No other module uses pymunk. Shapes have no elasticity: bounces are computed in 
 
 from __future__ import annotations
 
+from enum import Flag
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pymunk
 import pymunk.batch as batch
 from numpy.typing import NDArray
+from pymunk._chipmunk_cffi import ffi, lib
 from pymunk.batch import ArbiterFields, BodyFields
 
 from physgen.compile.world import Body, Joint, Wall, World
@@ -30,8 +33,8 @@ STRAIGHT = 0.999
 
 MOST_ORDERS = 1000
 """Lists of contacts whose order is remembered."""
-Order = tuple[NDArray[np.int64], Index, list[tuple[int, int]], bytes]
-"""(K, 3) words, (K,) their order by pairs, runs of one pair, and the words in order where there is no run."""
+Order = tuple[Index, list[tuple[int, int]], bytes]
+"""(K,) the order of contacts by pairs and counts, runs that are alike in both, and the words in that order."""
 _PLACE = [4, 5, 9, 10, 0, 1, 2, 3]
 """Numbers of a contact by which those of one pair are sorted: points on both bodies, impulse, normal."""
 _STATE = BodyFields.POSITION | BodyFields.ANGLE | BodyFields.VELOCITY | BodyFields.ANGULAR_VELOCITY
@@ -74,6 +77,8 @@ class Space:
         """(M,): bodies that the state lists, in order."""
         M = len(self.moving)
         self._states, self._contacts = batch.Buffer(), batch.Buffer()
+        self._read_states = _reader(space, "pmSpaceBodyGetIteratorFuncBatched", _STATE, self._states)
+        self._read_contacts = _reader(space, "pmSpaceArbiterIteratorFuncBatched", _CONTACT, self._contacts)
         # the batch functions go through the bodies that move in the order they were added, then the static ones
         still = [b.center for b in world.bodies if b.motion is Motion.STATIC] + [np.zeros(2)] * (
             len(walls) + 1
@@ -99,40 +104,44 @@ class Space:
 
     def step(self, h: float) -> tuple[bytes, bytes, bytes]:
         """Move by the velocities, then find contacts and change the velocities; states, contact words and numbers."""
-        self._space.step(h)
+        lib.cpSpaceStep(self._space._space, h)  # what pymunk does around it takes as long as a small step
         self._states.clear()
-        batch.get_space_bodies(self._space, _STATE, self._states)
+        lib.cpSpaceEachBody(*self._read_states)
         self._contacts.clear()
-        batch.get_space_arbiters(self._space, _CONTACT, self._contacts)
+        lib.cpSpaceEachCachedArbiter(*self._read_contacts)
         return (bytes(self._states.float_buf()[: 48 * len(self.moving)]), *self._in_order())
 
     def _in_order(self) -> tuple[bytes, bytes]:
         """Contacts by bodies and places; pymunk's ids and order are those of memory addresses."""
         listed = bytes(self._contacts.int_buf())
+        if not listed:
+            return b"", b""
         rows = np.frombuffer(self._contacts.float_buf()).reshape(-1, NUMBERS)
         if listed not in self._orders:
             if len(self._orders) >= MOST_ORDERS:
                 self._orders.clear()
             self._orders[listed] = self._order(listed)
-        words, order, alike, sorted_words = self._orders[listed]
-        if not alike:
-            return sorted_words, rows[order].tobytes()
-        order = order.copy()
-        places = rows[:, _PLACE].tolist()
+        order, alike, words = self._orders[listed]
+        in_order = rows.take(order, axis=0)
         for start, end in alike:
-            order[start:end] = sorted(order[start:end].tolist(), key=places.__getitem__)
-        return words[order].tobytes(), rows[order].tobytes()
+            # most lists come in the order of the last one; only places that tie need more than the first number
+            first = in_order[start:end, _PLACE[0]]
+            if (first[1:] <= first[:-1]).any():
+                places = rows[:, _PLACE].tolist()
+                order[start:end] = sorted(order[start:end].tolist(), key=places.__getitem__)
+                in_order[start:end] = rows[order[start:end]]
+        return words, in_order.tobytes()
 
     def _order(self, listed: bytes) -> Order:
-        """Contacts as pymunk lists them: with our numbers of bodies, their order, and runs of one pair in it."""
+        """Contacts as pymunk lists them: their order by our numbers of bodies, runs of one pair in it, and words."""
         words = np.frombuffer(listed, np.int64).reshape(-1, WORDS).copy()
         words[:, :2] = self._by_id[np.searchsorted(self._ids, words[:, :2].view(np.uint64))]
-        pair = words[:, 0] << 32 | words[:, 1]
-        order = np.argsort(pair, kind="stable")
-        _, starts, counts = np.unique(pair[order], return_index=True, return_counts=True)
+        key = (words[:, 0] << 32 | words[:, 1]) << 2 | words[:, 2]
+        order = np.argsort(key, kind="stable")
+        ends = [*(np.flatnonzero(np.diff(key[order])) + 1).tolist(), len(order)]
         # several pieces or segments, of which some touch at one and the same corner
-        alike = [(a, a + n) for a, n in zip(starts.tolist(), counts.tolist(), strict=True) if n > 1]
-        return words, order, alike, words[order].tobytes()
+        alike = [(start, end) for start, end in pairwise([0, *ends]) if end > start + 1]
+        return order, alike, words[order].tobytes()
 
     def weaken(self, part: float) -> None:
         """Let gravity act with a part of its strength."""
@@ -163,6 +172,13 @@ class Space:
     def braked(self) -> dict[Pair, float]:
         """Size of the angular impulse that each brake gave in the last step, g·px²/s."""
         return {key: float(motor.impulse) for key, motor in self._brakes.items()}
+
+
+def _reader(space: pymunk.Space, name: str, fields: Flag, buffer: batch.Buffer) -> tuple[Any, Any, Any]:
+    """What `pymunk.batch` hands to Chipmunk to read some fields of all bodies, or of all contacts, into a buffer."""
+    request = ffi.new("pmBatchedData *")
+    request.fields, request.floatArray, request.intArray = fields.value, buffer._float_arr, buffer._int_arr
+    return space._space, ffi.addressof(lib, name), request
 
 
 def _add_body(space: pymunk.Space, model: Body) -> pymunk.Body:

@@ -28,7 +28,7 @@ import openai
 from jsonschema import Draft202012Validator
 from numpy.typing import NDArray
 
-from physgen.files import write_atomic
+from physgen.files import cache_folder, write_atomic
 from physgen.geometry import raster
 from physgen.geometry.polygon import Disc
 from physgen.perceive.roles import Category, Labels, Matter, Name, PhotoObject, Rgb
@@ -300,13 +300,11 @@ class _Role:
 
     def _cache_file(self, query: Query) -> Path:
         """The file of an answer below `$XDG_CACHE_HOME/physgen/vlm`, named by all that the answer depends on."""
-        home = os.environ.get("XDG_CACHE_HOME", "")
-        folder = (Path(home) if Path(home).is_absolute() else Path.home() / ".cache") / "physgen" / "vlm"
         pictures = [sha256(picture).hexdigest() for picture in query.pictures]
         # servers call different models `default`
         content = [self._where, self._model, query.text, pictures, query.schema]
         digest = sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-        return folder / digest[:2] / f"{digest}.json"
+        return cache_folder() / "vlm" / digest[:2] / f"{digest}.json"
 
 
 class Categories(_Role):
