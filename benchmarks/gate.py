@@ -58,8 +58,7 @@ INTENDED: dict[str, str] = {
     "*/physics.json/units/*": "descriptions of units are in plainer words",
     "commands/schema*": "descriptions of keys are in plainer words",
     "*/scene-1.schema.json/*/description": "descriptions of keys are in plainer words",
-    "commands/evaluate plausibility --help*": "calibration moved to benchmarks/; --mass, --pushed, --noise, MOT went",
-    "measures/plausibility*": "the judge is simpler: deviations differ in small parts, sentences in their words",
+    "commands/evaluate plausibility --help*": "it went to benchmarks/judge_motion.py",
     "commands/evaluate leaderboard --help*": "fewer variants of the page",
     "commands/evaluate runtime --help*": "fewer variants of the table",
     "*/caption*": "captions name each object and have no grammar of their own",
@@ -138,7 +137,7 @@ COMMANDS = (
     *("gallery", "plot", "verify", "pack", "unpack", "cache", "backends", "schema", "evaluate"),
 )
 MEASURES = (
-    *("physics", "fidelity", "segmentation", "plausibility", "fid", "properties", "controllability"),
+    *("physics", "fidelity", "segmentation", "fid", "properties", "controllability"),
     *("runtime", "study", "leaderboard"),
 )
 
@@ -432,7 +431,6 @@ def tasks(runner: Runner, quick: bool) -> Iterator[tuple[str, Callable[[], Value
         "measures/controllability",
         lambda: json_values(runner, "evaluate", "controllability", curling, *pushes),
     )
-    yield "measures/plausibility", lambda: json_values(runner, "evaluate", "plausibility", cans, "--json")
     if not quick:
         yield "measures/segmentation", lambda: segmentation_values(runner)
         if (folder / "truth").exists():

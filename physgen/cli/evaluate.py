@@ -12,9 +12,7 @@ from typing import TYPE_CHECKING
 from physgen.cli.arguments import (
     Command,
     Parser,
-    among,
     count,
-    positive,
     seed,
     some_names,
     speeds,
@@ -39,8 +37,6 @@ if TYPE_CHECKING:
 
 REFERENCE = "reference"
 """The other side of fid."""
-QUESTIONS = ("gravity", "momentum", "energy", "overlap", "jumps")
-"""Of plausibility."""
 
 
 def add_output(parser: Parser, what: str = "write a page with plots in this folder") -> None:
@@ -120,41 +116,6 @@ def run_segmentation(options: argparse.Namespace) -> int:
     result = evaluate(found, segment, progress=bar.show)
     bar.clear()
     return hand_over(findings(result), options)
-
-
-# ---- plausibility -------------------------------------------------------------------------------------------------
-
-
-def add_plausibility(parser: Parser) -> None:
-    about = (
-        "clips that physgen rendered, a scene file, or tracks of any video: a CSV of frame,name,x,y[,radius]"
-    )
-    parser.add_argument("clips", metavar="CLIP", nargs="+", type=Path, help=about)
-    parser.option("--fps", "N", positive, "frames a second of tracks that do not say it; default: 30")
-    about = "of tracks that do not say it; default: side"
-    parser.add_argument("--view", choices=("side", "top"), default="side", help=about)
-    about = "a body on a rope or in a hand: only jumps and overlap are asked"
-    parser.option("--held", "NAME", str, about, [], action="append")
-    about = f"questions to leave out, of {','.join(QUESTIONS)}: overlap, where bodies pass before each other"
-    parser.option("--skip", "LIST", among(QUESTIONS), about, [])
-    add_output(parser)
-
-
-def run_plausibility(options: argparse.Namespace) -> int:
-    from physgen.evaluate.measure import check_folder
-    from physgen.evaluate.plausibility.judge import Verdict, findings, judge
-    from physgen.evaluate.plausibility.tracks import read
-    from physgen.scene.scene import View
-
-    check_folder(options.output)
-    bar = Bar()
-    verdicts: list[Verdict] = []
-    for path in options.clips:
-        for tracks in read(path, options.fps, View(options.view)):
-            bar.show(tracks.name, len(verdicts), len(verdicts) + 1)
-            verdicts.append(judge(tracks.holding(options.held), options.skip))
-    bar.clear()
-    return hand_over(findings(verdicts), options)
 
 
 # ---- fid ----------------------------------------------------------------------------------------------------------
@@ -441,13 +402,6 @@ MEASURES = (
         "segmentation photos -o out/segmentation",
         add_segmentation,
         run_segmentation,
-    ),
-    Command(
-        "plausibility",
-        "Plausibility of motion without a truth: gravity, momentum, energy, overlap, jumps.",
-        "plausibility out tracks.csv -o out/plausibility",
-        add_plausibility,
-        run_plausibility,
     ),
     Command(
         "fid",

@@ -6,7 +6,7 @@ import pytest
 from drawings import blob_labels, box_mask, disc_mask, iou
 
 from physgen.geometry.convex import overlap_depth
-from physgen.geometry.fitting import fit_outline, fit_outlines, touching_masks
+from physgen.geometry.fitting import fit_outlines, touching_masks
 from physgen.geometry.polygon import Disc, Region, bounds, mass_properties
 from physgen.geometry.raster import coverage
 from physgen.geometry.regions import close_gaps, fit_regions, trace_borders
@@ -183,7 +183,7 @@ def test_every_object_keeps_its_centre(peer_scenes, scene):
     labels = cv2.imread(str(peer_scenes / scene / "mask.png"), cv2.IMREAD_UNCHANGED)
     for i in range(1, int(labels.max()) + 1):
         rows, columns = np.nonzero(labels == i)
-        m = mass_properties(fit_outline(labels == i))
+        m = mass_properties(fit_outlines(np.asarray(labels == i, int), [1])[1])
         assert m.area == pytest.approx(len(rows), rel=0.02)
         assert m.center == pytest.approx([columns.mean(), rows.mean()], abs=0.75)
 

@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from judge_motion import main as judge_motion
+from plausibility.judge import judge
+from plausibility.tracks import read
 
 from physgen.cli.main import main
-from physgen.evaluate.plausibility.judge import judge
-from physgen.evaluate.plausibility.tracks import read
 from physgen.problems import InputError
 from physgen.scene.scene import View
 
@@ -66,7 +67,7 @@ def test_what_cannot_be_read_is_refused(name: str, tmp_path: Path) -> None:
 
 def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = table(tmp_path)
-    assert main(["evaluate", "plausibility", str(path), "-o", str(tmp_path / "page")]) == 0
+    assert judge_motion([str(path), "-o", str(tmp_path / "page")]) == 0
     assert "clips called wrong: 0 of 1" in capsys.readouterr().out
     assert "nothing beyond noise" in (tmp_path / "page" / "index.html").read_text()
     lines = path.read_text().splitlines()
@@ -75,14 +76,14 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         for line in lines[13:25]
     ]
     path.write_text("\n".join([*lines[:13], *moved, *lines[25:]]) + "\n")
-    assert main(["evaluate", "plausibility", str(path), "--json", "--skip", "overlap"]) == 1
+    assert judge_motion([str(path), "--json", "--skip", "overlap"]) == 1
     (row,) = json.loads(capsys.readouterr().out)["rows"]
     worst = row["questions"]["jumps"]["evidence"][0]
     assert (row["verdict"], worst["objects"], worst["frame"]) == ("wrong", ["ball-1"], 12)
-    assert main(["evaluate", "plausibility", str(path), "--held", "cue"]) == 2
+    assert judge_motion([str(path), "--held", "cue"]) == 2
     assert '"cue" is none of its bodies' in capsys.readouterr().err
     with pytest.raises(SystemExit, match="2"):
-        main(["evaluate", "plausibility"])
+        judge_motion([])
     assert "CLIP" in capsys.readouterr().err
 
 
