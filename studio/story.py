@@ -53,6 +53,7 @@ def document(stage: Stage, light: Light) -> tuple[dict, dict[str, str]]:
     }
     sections = stage.sections(camera)
     comments |= sections.pop("comments", {})
+    sections["render"] = sections.get("render", {}) | {"motion_blur": 0.5}
     return found | sections, comments
 
 

@@ -9,15 +9,13 @@ from math import inf, radians
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.compile.shapes import Shapes, shapes_of, snapped_to_boundaries, walls_of
+from physgen.compile.shapes import U16, Shapes, shapes_of, snapped_to_boundaries, walls_of
 from physgen.compile.world import Body, Field, Joint, Push, World, placed_outline, rest_pose, surface
 from physgen.geometry.convex import convex_pieces
-from physgen.geometry.polygon import Disc, Outline, mass_properties, mean_distance
+from physgen.geometry.polygon import Array, Disc, Outline, mass_properties, mean_distance
 from physgen.problems import InputError, Limit, Problem, Severity
 from physgen.scene import scene as model
 from physgen.scene.scene import Auto, Load, Motion, Object, Scene, Solid, View
-
-Array = NDArray[np.float64]
 
 
 def pushes_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Push, ...]:
@@ -127,8 +125,6 @@ def _usable(value: float) -> bool:
     """Whether products of two such numbers, and of what one divided by them is, are floats."""
     return LEAST < value < 1 / LEAST
 
-
-U16 = NDArray[np.uint16]
 
 INERTIA = {Solid.SPHERE: 2 / 5, Solid.DISC: 1 / 2, Solid.HOOP: 1.0}
 """k of I = k m r² about an axis through the centre; any mechanics text."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from physgen.compile.world import Wall, surface
 from physgen.geometry.fitting import fit_outlines, without_specks
-from physgen.geometry.polygon import Disc, Outline, Region, Ring, mass_properties, rotation
+from physgen.geometry.polygon import Array, Disc, Outline, Region, Ring, mass_properties, rotation
 from physgen.geometry.raster import coverage_box
 from physgen.geometry.regions import fit_regions
 from physgen.problems import InputError, Problem
@@ -114,7 +114,6 @@ def _hidden(scene: Scene, item: Object) -> Problem:
     return Problem(scene.place(path), path, item.name, "is hidden behind the masks of others", fix)
 
 
-Array = NDArray[np.float64]
 PixelMask = NDArray[np.bool_]
 
 

@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 from shapely.affinity import translate
 
 from physgen.compile.compile import Compiled, warning
+from physgen.compile.shapes import U16
 from physgen.geometry.convex import outline_shape, overlap_depth
-from physgen.maps import Percepts
+from physgen.maps import U8, Percepts
 from physgen.problems import Problem, by_place
 from physgen.scene.scene import Motion, Scene, Solid, View, held
 
-U8 = NDArray[np.uint8]
-U16 = NDArray[np.uint16]
 Mask = NDArray[np.bool_]
 
 

@@ -11,13 +11,10 @@ from math import radians, sqrt
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
-from physgen.geometry.polygon import Disc, Outline, Pose, Region, Ring, mass_properties, rotation
+from physgen.geometry.polygon import Array, Disc, Outline, Pose, Region, Ring, mass_properties, rotation
 from physgen.scene.scene import Combine, FieldKind, JointKind, Load, Motion, Object, Scene, Solid, View
 from physgen.text import name_ranges
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

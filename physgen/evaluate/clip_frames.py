@@ -9,13 +9,10 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from physgen.problems import InputError, Problem
 from physgen.text import natural
-from physgen.videos import SUFFIXES, video_frames
-
-U8 = NDArray[np.uint8]
+from physgen.videos import SUFFIXES, U8, video_frames
 
 FILMS = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".gif")
 RENDERED = ("video.mp4", "video.gif", "video.webp", "frames")

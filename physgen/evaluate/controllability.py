@@ -19,6 +19,7 @@ from physgen import pipeline
 from physgen.compile.world import Body, World
 from physgen.compile.world import Push as WorldPush
 from physgen.evaluate.measure import Figure, Findings, Progress, Section, Table, number, plotted
+from physgen.geometry.polygon import Array
 from physgen.problems import InputError
 from physgen.registry import suggestion
 from physgen.scene.scene import Load, Motion, Scene, Solid, View
@@ -28,8 +29,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from physgen.report.plot_style import Palette
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

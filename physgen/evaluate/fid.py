@@ -21,8 +21,8 @@ from physgen.evaluate.clip_frames import Rule, Source, one_shape
 from physgen.evaluate.measure import Findings, Progress, Section, Table
 from physgen.export.flow import coloured
 from physgen.problems import InputError, Place, Problem, Severity
+from physgen.videos import U8
 
-U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 

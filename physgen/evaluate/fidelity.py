@@ -21,7 +21,7 @@ from physgen import pipeline
 from physgen.compile.compile import Compiled
 from physgen.evaluate.measure import Bar, Figure, Findings, Progress, Section, Table, number, photo
 from physgen.geometry.polygon import rotation
-from physgen.maps import Percepts
+from physgen.maps import F32, U8, Percepts
 from physgen.perceive.perceive import perceive
 from physgen.perceive.segment.prompts import from_masks
 from physgen.photometry import DistantLight, decode, encode_u8, sphere_normals
@@ -31,8 +31,6 @@ from physgen.scene.scene import Light, Scene, Settings, Solid
 from physgen.simulate.engine import simulate
 from physgen.simulate.trajectory import Trajectory
 
-U8 = NDArray[np.uint8]
-F32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 REGIONS = ("objects", "shadows", "both", "rest")

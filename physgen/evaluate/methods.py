@@ -12,14 +12,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from physgen.problems import InputError
 from physgen.report.clips import ENDING, read_failure
 from physgen.text import natural
-from physgen.videos import Video, is_picture, plays, read_video
-
-U8 = NDArray[np.uint8]
+from physgen.videos import U8, Video, is_picture, plays, read_video
 
 FILMS = (".mp4", ".webm", ".mov", ".m4v", ".mkv", ".avi", ".gif", ".webp")
 """What a clip may be."""

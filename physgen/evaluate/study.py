@@ -16,7 +16,6 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from physgen.evaluate.measure import Progress
 from physgen.evaluate.methods import Methods, read_clip, within
@@ -26,8 +25,6 @@ from physgen.photos import read_photo
 from physgen.problems import InputError, Problem
 from physgen.report.html import script_json, template, webp
 from physgen.text import shown
-
-U8 = NDArray[np.uint8]
 
 SIDE = 1024
 """px of a clip's and a photo's longer side, at most."""

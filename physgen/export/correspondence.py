@@ -14,12 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import Body, World, photo_poses
-from physgen.geometry.polygon import rotation
+from physgen.geometry.polygon import Array, rotation
 from physgen.render.stage import Slices
 from physgen.scene.scene import Solid
 from physgen.simulate.trajectory import Trajectory
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 AT_REST = 1e-9

@@ -15,20 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import Body, World
-from physgen.geometry.polygon import rotation
+from physgen.geometry.polygon import Array, rotation
 from physgen.render.camera import Shot
 from physgen.render.contacts import Impact, find_impacts
 from physgen.scene.scene import Load, Motion, Point, Solid, View
 from physgen.simulate.engine import simulate
-from physgen.simulate.trajectory import (
-    REST_SPEED,
-    REST_TURN,
-    Trajectory,
-    rest_times,
-    resting_mask,
-)
+from physgen.simulate.trajectory import REST_SPEED, REST_TURN, Trajectory, rest_times, resting_mask
 
-Array = NDArray[np.float64]
 Sampled = Callable[[Array], Trajectory]
 """The motion at other times (T,) s."""
 

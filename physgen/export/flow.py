@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.export.labels import Clip, Moment, Writer, write_png
-
-F32 = NDArray[np.float32]
+from physgen.maps import F32
 
 SEEN, HIDDEN, GONE = 255, 128, 0
 """Codes of pixels that are visible in the other frame, hidden there, and outside of it."""

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from physgen.compile.world import World
 from physgen.export.correspondence import BallTurn, PosedView, is_still, similarity, spans, turns_in_space
-from physgen.maps import Percepts
+from physgen.geometry.polygon import Array
+from physgen.maps import F32, U8, U16, Percepts
 from physgen.render.camera import Shot
 from physgen.render.stage import Cover, Frame, Slices
 from physgen.scene.scene import Scene
@@ -60,11 +61,7 @@ def write_json(path: Path, data: Any) -> None:
     path.write_text(text + "\n", encoding="utf-8")
 
 
-Array = NDArray[np.float64]
-F32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
-U8 = NDArray[np.uint8]
-U16 = NDArray[np.uint16]
 Box = tuple[int, int, int, int]
 """First column, first row, width and height, px."""
 

@@ -20,15 +20,13 @@ from physgen.export.correspondence import (
     turns_in_space,
 )
 from physgen.export.labels import Clip, Moment, View, Writer, write_json, write_png
-from physgen.maps import Percepts
+from physgen.geometry.polygon import Array
+from physgen.maps import F32, U16, Percepts
 from physgen.perceive.inpaint.poisson import dilate, harmonic_fill
 from physgen.photometry import decode
 from physgen.render.stage import Slices
 
-F32 = NDArray[np.float32]
-U16 = NDArray[np.uint16]
 Mask = NDArray[np.bool_]
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

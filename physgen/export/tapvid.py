@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 from physgen.compile.world import World
 from physgen.export.correspondence import is_ball
 from physgen.export.labels import Clip, Moment, Writer
+from physgen.geometry.polygon import Array
+from physgen.maps import U16
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
-U16 = NDArray[np.uint16]
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.export.labels import Clip, Writer
+from physgen.geometry.polygon import Array
 from physgen.render.camera import Shot
 from physgen.tables import Cell, Column, Table
-
-Array = NDArray[np.float64]
 
 COLUMNS = (
     Column("frame"),

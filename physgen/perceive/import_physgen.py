@@ -25,7 +25,14 @@ from physgen.geometry.fitting import fit_outlines, long_border, without_specks
 from physgen.geometry.polygon import Disc, Outline, mass_properties
 from physgen.geometry.regions import fit_regions
 from physgen.maps import Percepts, read_labels
-from physgen.perceive.document import light_entry, object_names, provenance, shape_entry, view_entry
+from physgen.perceive.document import (
+    MOTION_BLUR,
+    light_entry,
+    object_names,
+    provenance,
+    shape_entry,
+    view_entry,
+)
 from physgen.perceive.inpaint.poisson import fill_behind, seamless
 from physgen.perceive.roles import (
     BoundaryGuess,
@@ -156,6 +163,7 @@ def import_physgen(
         document["light"] = light_entry(shadows.light) | {"softness": shadows.softness, "from": source}
         document["world"] |= view_entry(shadows, bool(sim.gravity))
     document["render"] = {"fps": max(1, round(sim.frames / sim.duration, 3)), "frames": sim.frames}
+    document["render"]["motion_blur"] = MOTION_BLUR
     if sim.denoise_strength is not None:
         document["refine"] = {"strength": sim.denoise_strength}
     comments["physgen"] = f"imported from {folder.name}/sim.yaml of the paper's public code"

@@ -149,8 +149,8 @@ def perceive(
         "light": _light(light, shadows),
     }
     scene["world"]["duration"], slow = playback(side, per_meter)
+    scene["render"] = ({"slow": slow} if slow > 1 else {}) | {"motion_blur": document.MOTION_BLUR}
     if slow > 1:
-        scene["render"] = {"slow": slow}
         comments["render"] = (
             f"plays {slow} times as slowly as it happens: so small a place is crossed in no time"
         )

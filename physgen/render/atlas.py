@@ -11,15 +11,11 @@ from math import ceil, log
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from physgen.render.ball import RIM, Ball
+from physgen.render.ball import F32, RIM, Array, Ball
 from physgen.render.shadow_decomposition import CastShadow
 from physgen.render.sprites import Sprite, double_resolution
 from physgen.render.stage import Placement, Slices, SpritePose, three_channels
-
-F32 = NDArray[np.float32]
-Array = NDArray[np.float64]
 
 GAP = 3
 """px of an atlas on each side of a picture, as far as Lanczos' kernel looks."""
@@ -221,13 +217,13 @@ class ShadowSprites:
             row = _Row([sliding[i][1:] for i in members])
             self._homes |= {sliding[i][0]: (row, place) for place, i in enumerate(members)}
 
-    def thrown(self, dark: F32, stands: Iterable[SpritePose]) -> list[Slices]:
-        """Put the shadows of those of `stands` that slide into `dark` (H, W); returns where anything changed."""
-        together: dict[int, tuple[_Row, list[tuple[int, SpritePose]]]] = {}
-        for stand in stands:
+    def thrown(self, dark: F32, stands: Iterable[tuple[SpritePose, float]]) -> list[Slices]:
+        """Put the shadows of those of `stands` that slide, times weights, into `dark` (H, W); returns where that is."""
+        together: dict[int, tuple[_Row, list[tuple[int, SpritePose, float]]]] = {}
+        for stand, weight in stands:
             if stand.k in self._homes:
                 row, place = self._homes[stand.k]
-                together.setdefault(id(row), (row, []))[1].append((place, stand))
+                together.setdefault(id(row), (row, []))[1].append((place, stand, weight))
         return [box for row, some in together.values() for box in row.thrown(dark, some)]
 
 
@@ -237,9 +233,9 @@ class _Row:
         self.corner = np.array([corner for corner, _ in members], np.float64)
         self.size = np.array([picture.shape[::-1] for _, picture in members])
 
-    def thrown(self, dark: F32, some: Sequence[tuple[int, SpritePose]]) -> list[Slices]:
-        which = np.array([place for place, _ in some])
-        shift = np.array([(s.pose.x - s.start.x, s.pose.y - s.start.y) for _, s in some])
+    def thrown(self, dark: F32, some: Sequence[tuple[int, SpritePose, float]]) -> list[Slices]:
+        which = np.array([place for place, _, _ in some])
+        shift = np.array([(s.pose.x - s.start.x, s.pose.y - s.start.y) for _, s, _ in some])
         at = self.corner[which] + shift
         first = np.floor(at)
         low = np.maximum(first, 0)
@@ -257,6 +253,7 @@ class _Row:
         boxes: list[Slices] = []
         for j, (left, top, right, bottom) in enumerate(np.hstack([low, high]).tolist()):
             box = np.s_[top:bottom, left:right]
-            dark[box] += picture[: bottom - top, j * w : j * w + right - left]
+            one, weight = picture[: bottom - top, j * w : j * w + right - left], some[seen[j]][2]
+            dark[box] += one if weight == 1 else np.float32(weight) * one
             boxes.append(box)
         return boxes

@@ -20,16 +20,14 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from physgen.compile.world import World
+from physgen.geometry.polygon import Array
 from physgen.photometry import decode, encode_u8
-from physgen.render.stage import Cover, Frame
+from physgen.render.shadow_decomposition import U8
+from physgen.render.stage import Cover, Frame, Slices
 from physgen.scene.scene import CameraView, Play, Point, Scene, affine, held, magnification, room
-from physgen.scene.scene import Size as Size_of_framing
 from physgen.simulate.trajectory import Trajectory
 
-U8 = NDArray[np.uint8]
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-Slices = tuple[slice, slice]
 Size = tuple[int, int]
 """Width and height, px."""
 
@@ -145,8 +143,8 @@ class Aim:
 class Shot:
     """How a clip is filmed and played."""
 
-    photo: Size_of_framing
-    video: Size_of_framing
+    photo: Size
+    video: Size
     """px of the frames."""
     times: Array
     """(T,) s of the samples."""
@@ -249,12 +247,12 @@ def filmed(frames: Iterator[Frame], through: Shot, drawn: float = 1.0) -> Iterat
         yield seen
 
 
-def _named(frame: Frame, matrix: Array, size: Size_of_framing) -> NDArray[np.uint16]:
+def _named(frame: Frame, matrix: Array, size: Size) -> NDArray[np.uint16]:
     """(h, w) of `size` (w, h): the ids of the frame as they are seen."""
     return nearest(frame.ids, matrix, size)
 
 
-def _covering(frame: Frame, matrix: Array, size: Size_of_framing) -> list[Cover]:
+def _covering(frame: Frame, matrix: Array, size: Size) -> list[Cover]:
     """Covers of the frame as they are seen, of the very pixels that `_named` takes."""
     height, width = frame.rgb.shape[:2]
     rows, columns = sources(matrix, (width, height), size)
@@ -276,9 +274,7 @@ def on_canvas(matrix: Array, drawn: float) -> Array:
     return np.column_stack([large, matrix[:, 2] + large @ [0.5, 0.5] - matrix[:, :2] @ [0.5, 0.5]])
 
 
-def _way(
-    sight: CameraView, photo: Size_of_framing, video: Size_of_framing, trajectory: Trajectory, fps: float
-) -> Array:
+def _way(sight: CameraView, photo: Size, video: Size, trajectory: Trajectory, fps: float) -> Array:
     """The centre of a view, (T, 2) px or (1, 2), where the view lies in the photo."""
     if sight.follow is None:
         middle = (photo[0] - 1) / 2, (photo[1] - 1) / 2

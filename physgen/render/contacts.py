@@ -8,11 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import World
-from physgen.geometry.polygon import rotation
+from physgen.geometry.polygon import Array, rotation
 from physgen.scene.scene import Motion
 from physgen.simulate.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

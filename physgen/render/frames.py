@@ -6,42 +6,40 @@ the objects that have not moved.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
-from itertools import islice
+from itertools import pairwise
+from math import ceil, hypot
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.geometry.shadows import Silhouette
+from physgen.geometry.polygon import rotation
+from physgen.geometry.shadows import F32, Silhouette
 from physgen.photometry import decode, encode_u8
 from physgen.render.atlas import BallSprites, ShadowSprites
-from physgen.render.occlusion import (
-    add_shadow,
-    occlusion_factors,
-    relit_border,
-    remove_photo_shadow,
-    sprite_silhouette,
-)
+from physgen.render.occlusion import add_shadow, occlusion_factors, relit_border, sprite_silhouette
 from physgen.render.shadow_decomposition import shaded_background
+from physgen.render.sprites import U16
 from physgen.render.stage import (
     Cover,
     Frame,
     Placement,
+    Slices,
     SpritePose,
     Stage,
     draw_border,
     draw_halo,
     draw_sprite,
+    enlarged_poses,
     sprite_coverage,
     sprite_poses,
     three_channels,
 )
-from physgen.render.stage import Slices as Slices_of_stage
 from physgen.simulate.trajectory import Trajectory
 
 
@@ -73,8 +71,6 @@ def _looks_up() -> bool:
 
 TILE = 32
 """px a side of the tiles in which touched pixels are counted."""
-
-Slices = tuple[slice, slice]
 
 
 def covering_boxes(boxes: Sequence[Slices], size: tuple[int, int]) -> list[Slices]:
@@ -117,18 +113,13 @@ def boxes_of_tiles(tiles: Sequence[int], size: tuple[int, int]) -> list[Slices]:
     return found
 
 
-F32 = NDArray[np.float32]
-
-
 class BackgroundCache:
     """What is left when objects have gone; kept from frame to frame, as most objects that move go on moving.
 
     It depends on none of the frames that came before: the same objects gone leave the same to the last bit.
     """
 
-    def __init__(self, stage: Stage, keep: bool) -> None:
-        """With `keep` it stays the photo's background whatever moves."""
-        self.keep = keep
+    def __init__(self, stage: Stage) -> None:
         self._lit = stage.lit
         self._gone: set[int] = set()
         self.dark: F32 | None = None if stage.lit is None else stage.lit.total.copy()
@@ -138,10 +129,10 @@ class BackgroundCache:
         self.codes = encode_picture(self.light)
         """(H, W, 3) sRGB."""
 
-    def by(self, stands: Sequence[SpritePose]) -> list[Slices_of_stage]:
+    def by(self, stands: Sequence[SpritePose]) -> list[Slices]:
         """Go on to objects as they stand now; returns where anything changed."""
         lit, dark = self._lit, self.dark
-        if self.keep or lit is None or dark is None:
+        if lit is None or dark is None:
             return []
         shadows = {s.k: lit.casts[s.k].whole for s in stands if s.start != s.pose}
         gone = {k for k, whole in shadows.items() if whole is not None}
@@ -164,7 +155,7 @@ class BackgroundCache:
         return changed
 
 
-def _take(dark: F32, box: Slices_of_stage, at: tuple[int, int, int, int], what: F32) -> None:
+def _take(dark: F32, box: Slices, at: tuple[int, int, int, int], what: F32) -> None:
     """Take the part of `what` that lies in the box, of a picture whose box is `at`, from `dark` (H, W)."""
     x0, y0 = max(box[1].start, at[0]), max(box[0].start, at[1])
     x1, y1 = min(box[1].stop, at[2]), min(box[0].stop, at[3])
@@ -183,9 +174,6 @@ def single_threaded() -> Iterator[None]:
         cv2.setNumThreads(threads)
 
 
-U16 = NDArray[np.uint16]
-
-
 @dataclass
 class Picture:
     """What a frame shows of one sprite."""
@@ -198,23 +186,25 @@ class Picture:
     """(h, w)."""
     through: F32
     """(h, w, 3): 1 - coverage."""
-    rest: tuple[Slices_of_stage, F32] | None
+    rest: tuple[Slices, F32] | None
     """A box and (h, w, 3) what the photo shows there beyond light and background; as bright as the background is."""
 
 
 @dataclass(frozen=True)
-class Moment:
-    """A picture in linear light; `canvas` is overwritten by the next."""
+class ExposureTuning:
+    """How finely an exposure is divided."""
 
-    time: float
-    canvas: F32
-    """(H, W, 3)."""
-    named: Callable[[], U16]
-    """Works out the ids, (H, W)."""
-    covering: Callable[[], Sequence[Cover]]
-    """Works out where objects are, the farthest first."""
-    boxes: list[Slices_of_stage]
-    """Where the canvas is not what was `Left`; they do not overlap."""
+    sharp: float = 0.5
+    """px of motion that no exposure shows."""
+    step: float = 2.0
+    """px that any point of an object moves between two of its pictures."""
+    shadow: float = 8.0
+    """px that its shadow moves, which is softer."""
+    shadows: int = 4
+    """Of an object in an exposure, at most."""
+
+
+EXPOSURE = ExposureTuning()
 
 
 def render_frames(
@@ -222,98 +212,181 @@ def render_frames(
 ) -> Iterator[Frame]:
     """Frames of the trajectory's samples in their `order`, all one after the other unless given.
 
-    Each is the mean of the light of `parts` samples, with the time and the ids of the last. Each object's own box is
-    warped, and only touched tiles are encoded again. What a frame shows does not depend on those before it; the
+    Each is an exposure of `parts` samples, with the time and the ids of the last, as which it is composed; what moved
+    is smeared along its way there, which is the mean of light wherever one object at most moves. Each object's own box
+    is warped, and only touched tiles are encoded again. What a frame shows does not depend on those before it; the
     photo's own poses are those of sample 0.
     """
+    samples = range(len(trajectory.times)) if order is None else order
+    ways = trajectory.poses
+    if parts > 1 and stage.scale != 1.0:
+        ways = enlarged_poses(ways, stage.scale)
+    size = (stage.background.shape[1], stage.background.shape[0])
+    balls = BallSprites(stage.sprites)
     with single_threaded():
-        left = BackgroundCache(stage, keep=parts > 1)
-        moments = _moments(stage, sprite_poses(stage, trajectory, order), left)
-        more = np.zeros_like(left.light) if parts > 1 else None
-        index = 0
-        while group := list(islice(_added(moments, left, more), parts)):
-            last = group[-1]
-            rgb = left.codes.copy()
-            if more is None:
-                for box in last.boxes:
-                    rgb[box] = encode_picture(last.canvas[box])
-            else:
-                size = (rgb.shape[1], rgb.shape[0])
-                for box in covering_boxes([box for moment in group for box in moment.boxes], size):
-                    rgb[box] = encode_picture(left.light[box] + more[box] / np.float32(parts))
-                    more[box] = 0
-            yield Frame(index, last.time, rgb, last.named, last.covering)
-            index += 1
-
-
-def _added(moments: Iterator[Moment], left: BackgroundCache, more: F32 | None) -> Iterator[Moment]:
-    """The same; what is there beyond what was left is added to `more` (H, W, 3)."""
-    for moment in moments:
-        if more is not None:
-            for box in moment.boxes:
-                more[box] += moment.canvas[box] - left.light[box]
-        yield moment
-
-
-def _moments(
-    stage: Stage, moments: Iterable[tuple[float, list[SpritePose]]], left: BackgroundCache
-) -> Iterator[Moment]:
-    """The picture of each moment over what is `left` when objects have gone."""
-    lit, size = stage.lit, (stage.background.shape[1], stage.background.shape[0])
-    balls, slides = BallSprites(stage.sprites), ShadowSprites([] if lit is None else lit.casts)
-    canvas: F32 = left.light.copy()
-    dark = None if left.dark is None else left.dark.copy()
-    shadowed: list[Slices_of_stage] = []
-    before = touched_tiles([], size)
-    for time, stands in moments:
-        changed = left.by(stands)
-        before = [a | b for a, b in zip(before, touched_tiles(changed, size), strict=True)]
-        pictures = list(_pictures(stage, balls, stands))
-        figures: Mapping[int, Silhouette] = {}
-        relit = touched_tiles([], size)
-        if lit is not None and dark is not None and left.dark is not None:
-            for box in shadowed + changed:
-                dark[box] = left.dark[box]
-            figures, shadowed = _figures(stage, pictures), []
-            moved = [stand for stand in stands if stand.start != stand.pose]
-            for stand in moved:
-                if left.keep:
-                    shadowed += remove_photo_shadow(dark, lit, stand)
-                if lit.casts[stand.k].sliding is None:
-                    shadowed += add_shadow(dark, lit, stand, figures.get(stand.k))
-            shadowed += slides.thrown(dark, moved)
-            relit = touched_tiles(shadowed, size)
-            for box in (shadowed := boxes_of_tiles(relit, size)):
-                canvas[box] = shaded_background(lit.plate[box], dark[box], lit.tint)
-            factors = occlusion_factors(stage, [p.stand for p in pictures], figures)
+        left = BackgroundCache(stage)
+        canvas: F32 = left.light.copy()
+        shadows = _Shadows(stage, left)
+        before = touched_tiles([], size)
+        for index, (time, stands) in enumerate(sprite_poses(stage, trajectory, samples[parts - 1 :: parts])):
+            exposed = [ways[sample] for sample in samples[index * parts : (index + 1) * parts]]
+            changed = left.by(stands)
+            before = [a | b for a, b in zip(before, touched_tiles(changed, size), strict=True)]
+            pictures = list(_pictures(stage, balls, stands))
+            trails = {
+                stand.k: trail
+                for stand in (stands if parts > 1 else ())
+                if (trail := _trail(stage, stand, [poses[stage.sprites[stand.k].body] for poses in exposed]))
+            }
+            relit = shadows.thrown(canvas, stands, pictures, trails, changed)
+            for box in boxes_of_tiles([a & ~b for a, b in zip(before, relit, strict=True)], size):
+                canvas[box] = left.light[box]
+            touched = boxes_of_tiles(relit, size)
             for picture in pictures:
-                if (factor := factors.get(picture.stand.k)) is not None:
-                    picture.light = picture.light * three_channels(factor)
-        for box in boxes_of_tiles([a & ~b for a, b in zip(before, relit, strict=True)], size):
-            canvas[box] = left.light[box]
-        touched = list(shadowed)
-        for picture in pictures:
-            if (around := draw_halo(stage.sprites[picture.stand.k], picture.stand)) is not None:
-                box, rest = around
-                canvas[box] += rest if dark is None or lit is None else relit_border(rest, lit, dark, box)
+                if (around := draw_halo(stage.sprites[picture.stand.k], picture.stand)) is not None:
+                    shadows.add_border(canvas, *around)
+                    touched.append(around[0])
+            for picture in pictures:
+                box, light, through = picture.where.box, picture.light, picture.through
+                if picture.stand.k in trails:
+                    box, light, through = _smeared(picture, trails[picture.stand.k], size)
+                under = canvas[box]
+                cv2.multiply(under, through, dst=under)
+                cv2.add(under, light, dst=under)
                 touched.append(box)
-        for picture in pictures:
-            box = picture.where.box
-            under = canvas[box]
-            cv2.multiply(under, picture.through, dst=under)
-            cv2.add(under, picture.light, dst=under)
-            touched.append(box)
-            if picture.rest is not None:
-                box, rest = picture.rest
-                canvas[box] += rest if dark is None or lit is None else relit_border(rest, lit, dark, box)
-                touched.append(box)
-        before = touched_tiles(touched, size)
-        covers = [(stage.sprites[p.stand.k].body + 1, p.where.box, p.coverage) for p in pictures]
-        named, covering = partial(_named, covers, size), partial(_covering, covers)
-        yield Moment(time, canvas, named, covering, boxes_of_tiles(before, size))
+                if picture.rest is not None:
+                    shadows.add_border(canvas, *picture.rest)
+                    touched.append(picture.rest[0])
+            before = touched_tiles(touched, size)
+            rgb = left.codes.copy()
+            for box in boxes_of_tiles(before, size):
+                rgb[box] = encode_picture(canvas[box])
+            covers = [(stage.sprites[p.stand.k].body + 1, p.where.box, p.coverage) for p in pictures]
+            yield Frame(index, time, rgb, partial(_named, covers, size), partial(_covering, covers))
 
 
-def _named(covers: Sequence[tuple[int, Slices_of_stage, F32]], size: tuple[int, int]) -> U16:
+class _Shadows:
+    """Shadows on the background and on objects, from frame to frame."""
+
+    def __init__(self, stage: Stage, left: BackgroundCache) -> None:
+        self._stage, self._lit, self._left = stage, stage.lit, left
+        self._slides = ShadowSprites([] if stage.lit is None else stage.lit.casts)
+        self._dark = None if left.dark is None else left.dark.copy()
+        self._before: list[Slices] = []
+
+    def thrown(
+        self,
+        canvas: F32,
+        stands: Sequence[SpritePose],
+        pictures: Sequence[Picture],
+        trails: Mapping[int, Trail],
+        changed: list[Slices],
+    ) -> list[int]:
+        """Shade the background and the `pictures`; returns the tiles of `canvas` (H, W, 3) that were made anew."""
+        lit, dark, behind = self._lit, self._dark, self._left.dark
+        size = (canvas.shape[1], canvas.shape[0])
+        if lit is None or dark is None or behind is None:
+            return touched_tiles([], size)
+        for box in self._before + changed:
+            dark[box] = behind[box]
+        figures = _figures(self._stage, pictures)
+        boxes: list[Slices] = []
+        weights: dict[int, list[tuple[SpritePose, float]]] = {}
+        for stand in stands:
+            if stand.start == stand.pose:
+                continue
+            along = _along(trails.get(stand.k, ()), stand)
+            weights[stand.k] = along
+            if lit.casts[stand.k].sliding is None:
+                for at, weight in along:
+                    figure = _carried(
+                        figures.get(stand.k), at.pose.x - stand.pose.x, at.pose.y - stand.pose.y
+                    )
+                    boxes += add_shadow(dark, lit, at, figure, weight)
+        boxes += self._slides.thrown(dark, [one for along in weights.values() for one in along])
+        relit = touched_tiles(boxes, size)
+        self._before = boxes_of_tiles(relit, size)
+        for box in self._before:
+            canvas[box] = shaded_background(lit.plate[box], dark[box], lit.tint)
+        factors = occlusion_factors(self._stage, [p.stand for p in pictures], figures)
+        for picture in pictures:
+            if (factor := factors.get(picture.stand.k)) is not None:
+                picture.light = picture.light * three_channels(factor)
+        return relit
+
+    def add_border(self, canvas: F32, box: Slices, rest: F32) -> None:
+        """Add what the photo shows beside an object, (h, w, 3), in the light of the background as it is now."""
+        lit, dark = self._lit, self._dark
+        canvas[box] += rest if dark is None or lit is None else relit_border(rest, lit, dark, box)
+
+
+Trail = tuple[tuple[float, float, float], ...]
+"""px, px, rad: from an object's pose at the end of an exposure to those within it, the last of which it is."""
+
+
+def _trail(stage: Stage, stand: SpritePose, poses: Sequence[NDArray[np.float64]]) -> Trail:
+    """The way of a sprite in an exposure, in steps that nobody sees; empty where it hardly moves."""
+    sprite = stage.sprites[stand.k]
+    way = np.array(poses) - poses[-1]
+    if sprite.ball is not None:  # its picture never turns
+        way[:, 2] = 0
+    reach = max(sprite.coverage.shape) / 2
+    length = float((np.hypot(*np.diff(way[:, :2], axis=0).T) + reach * np.abs(np.diff(way[:, 2]))).sum())
+    if not length > EXPOSURE.sharp:
+        return ()
+    count = min(len(poses), max(2, ceil(length / EXPOSURE.step) + 1))
+    picked = np.rint(np.linspace(0, len(poses) - 1, count)).astype(int)
+    return tuple((x, y, turn) for x, y, turn in way[picked].tolist())
+
+
+def _along(trail: Trail, stand: SpritePose) -> list[tuple[SpritePose, float]]:
+    """Poses along the way of an exposure, as many as a shadow needs, and their weights, whose sum is 1."""
+    if not trail:
+        return [(stand, 1.0)]
+    length = sum(hypot(b[0] - a[0], b[1] - a[1]) for a, b in pairwise(trail))
+    count = min(max(ceil(length / EXPOSURE.shadow), 1), EXPOSURE.shadows, len(trail))
+    found = []
+    for group in np.array_split(np.array(trail), count):
+        x, y, _ = group.mean(axis=0).tolist()
+        pose = stand.pose._replace(x=stand.pose.x + x, y=stand.pose.y + y)
+        found.append((replace(stand, pose=pose), len(group) / len(trail)))
+    return found
+
+
+def _carried(figure: Silhouette | None, x: float, y: float) -> Silhouette | None:
+    """A silhouette moved by some px."""
+    if figure is None or (x == 0 and y == 0):
+        return figure
+    corner = (figure.corner[0] + round(x), figure.corner[1] + round(y))
+    return replace(figure, corner=corner, center=(figure.center[0] + x, figure.center[1] + y))
+
+
+def _smeared(picture: Picture, trail: Trail, size: tuple[int, int]) -> tuple[Slices, F32, F32]:
+    """A box of a canvas of `size` (W, H), and `light` and `through` (h, w, 3) there: means over the trail."""
+    rows, columns = picture.where.box
+    wide, high = columns.stop - columns.start, rows.stop - rows.start
+    corners = np.array([[0, 0, 1], [wide - 1, 0, 1], [0, high - 1, 1], [wide - 1, high - 1, 1]], np.float64)
+    middle = np.array([picture.stand.pose.x - columns.start, picture.stand.pose.y - rows.start])
+    moves = []
+    for x, y, angle in trail:
+        turn = rotation(angle)
+        moves.append(np.column_stack([turn, middle + np.array([x, y]) - turn @ middle]))
+    ends = np.concatenate([corners @ move.T for move in moves]) + np.array([columns.start, rows.start])
+    low = np.maximum(np.floor(ends.min(axis=0)).astype(int), 0)
+    high_ = np.minimum(np.ceil(ends.max(axis=0)).astype(int) + 1, size)
+    shape = (int(high_[0] - low[0]), int(high_[1] - low[1]))
+    sharp = cv2.merge([*cv2.split(picture.light), picture.coverage])
+    total = np.zeros((shape[1], shape[0], 4), np.float32)
+    for move in moves:
+        move[:, 2] += (columns.start - low[0], rows.start - low[1])
+        cv2.add(total, cv2.warpAffine(sharp, move, shape), dst=total)
+    total *= np.float32(1 / len(moves))
+    light = np.asarray(cv2.cvtColor(total, cv2.COLOR_BGRA2BGR), np.float32)  # the first three channels
+    box = np.s_[int(low[1]) : int(high_[1]), int(low[0]) : int(high_[0])]
+    return box, light, three_channels(1 - np.asarray(cv2.extractChannel(total, 3), np.float32))
+
+
+def _named(covers: Sequence[tuple[int, Slices, F32]], size: tuple[int, int]) -> U16:
     """(H, W) ids of objects, the farthest first, that cover boxes so far."""
     ids = np.zeros(size[::-1], np.uint16)
     for id_, box, coverage in covers:
@@ -321,7 +394,7 @@ def _named(covers: Sequence[tuple[int, Slices_of_stage, F32]], size: tuple[int, 
     return ids
 
 
-def _covering(covers: Sequence[tuple[int, Slices_of_stage, F32]]) -> list[Cover]:
+def _covering(covers: Sequence[tuple[int, Slices, F32]]) -> list[Cover]:
     """The same, each by itself: nothing in it that ids would not show if nothing were in front."""
     return [Cover(id_ - 1, box, coverage >= 0.5) for id_, box, coverage in covers]
 

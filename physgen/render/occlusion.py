@@ -15,12 +15,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.geometry.polygon import Pose
-from physgen.geometry.shadows import LEAST_LIGHT_HEIGHT, MOST_BLOCKED, ShadowSetting, Silhouette
+from physgen.geometry.polygon import Array, Pose
+from physgen.geometry.shadows import F32, LEAST_LIGHT_HEIGHT, MOST_BLOCKED, ShadowSetting, Silhouette
 from physgen.render.shadow_decomposition import LitBackground
 from physgen.render.stage import WARP_FLAGS, Placement, ShadowBody, Slices, SpritePose, Stage, three_channels
-
-F32 = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -213,8 +211,6 @@ def _behind_slab(slab: Silhouette, x: F32, y: F32, toward: F32, setting: ShadowS
     return np.asarray(blocked * thin, np.float32)
 
 
-Array = NDArray[np.float64]
-
 SUNK = 3.0
 """px by which an object's pixels may reach below the floor that it stands on."""
 
@@ -250,23 +246,16 @@ def silhouette(
     return Silhouette(coverage, corner, (pose.x, pose.y), actor.radius, actor.thick, floor_row)
 
 
-def remove_photo_shadow(dark: F32, lit: LitBackground, stand: SpritePose) -> list[Slices]:
-    """Take the photo's shadow of a sprite out of `dark` (H, W); returns where anything changed."""
-    if (whole := lit.casts[stand.k].whole) is None:
-        return []
-    (x0, y0, x1, y1), was = whole
-    dark[y0:y1, x0:x1] -= was
-    return [np.s_[y0:y1, x0:x1]]
-
-
-def add_shadow(dark: F32, lit: LitBackground, stand: SpritePose, now: Silhouette | None) -> list[Slices]:
-    """Put the shadow that a sprite throws today into `dark` (H, W); returns where anything changed.
+def add_shadow(
+    dark: F32, lit: LitBackground, stand: SpritePose, now: Silhouette | None, weight: float = 1.0
+) -> list[Slices]:
+    """Put the shadow that a sprite throws today, times a `weight`, into `dark` (H, W); returns where that is.
 
     A shadow that slides does not ask how the sprite looks `now`.
     """
     boxes = []
     for (x0, y0, x1, y1), more in lit.moved(stand.k, now, stand.start, stand.pose):
-        dark[y0:y1, x0:x1] += more
+        dark[y0:y1, x0:x1] += more if weight == 1 else np.float32(weight) * more
         boxes.append(np.s_[y0:y1, x0:x1])
     return boxes
 

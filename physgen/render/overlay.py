@@ -10,16 +10,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import World
-from physgen.geometry.polygon import rotation
+from physgen.geometry.polygon import Array, rotation
 from physgen.render.contacts import Impact, contact_points_between, find_impacts, sample_times
-from physgen.render.drawing import CASING, Layer, arc, circle, curved_arrow, ring, straight_arrow, text_width
+from physgen.render.drawing import (
+    CASING,
+    U8,
+    Layer,
+    arc,
+    circle,
+    curved_arrow,
+    ring,
+    straight_arrow,
+    text_width,
+)
 from physgen.render.scales import COLOURS, Entry, Scales, key_entries, scales
 from physgen.render.stage import Frame
 from physgen.scene.scene import Load, Motion, Overlay, Solid, View
 from physgen.simulate.engine import simulate
 from physgen.simulate.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 PEN = 1 / 380
 """Of the picture's longer side: the width of a line."""
@@ -71,9 +79,6 @@ class Sheet:
     def layer(self) -> Layer:
         """An empty layer of ink."""
         return Layer(self.size, 0.75 * self.pen)
-
-
-U8 = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from math import floor, log10
 
 import numpy as np
-from numpy.typing import NDArray
 
 from physgen.compile.world import World
+from physgen.geometry.polygon import Array
 from physgen.scene.scene import Load, Motion, Overlay
 from physgen.simulate.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -18,10 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.geometry.polygon import Pose
-from physgen.geometry.shadows import PixelBox, ShadowSetting, Silhouette, blurred, shadow_darkness
+from physgen.geometry.shadows import F32, PixelBox, ShadowSetting, Silhouette, blurred, shadow_darkness
 from physgen.photometry import decode, luminance
 
-F32 = NDArray[np.float32]
 U8 = NDArray[np.uint8]
 
 

@@ -17,9 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.photometry import DistantLight, decode
-from physgen.render.ball import Ball
-
-F32 = NDArray[np.float32]
+from physgen.render.ball import F32, Ball
 
 _LOBES = [float(np.sinc(k) * np.sinc(k / 3)) for k in (2.5, 1.5, 0.5)]
 HALFWAY = [np.float32(lobe / (2 * sum(_LOBES))) for lobe in _LOBES]
@@ -137,7 +135,6 @@ def relief_of(normals: F32, known: NDArray[np.bool_], light: DistantLight) -> Re
     return found if changes > CUT.facing else None
 
 
-Array = NDArray[np.float64]
 U8 = NDArray[np.uint8]
 U16 = NDArray[np.uint16]
 

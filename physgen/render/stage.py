@@ -11,14 +11,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.geometry.polygon import Pose, rotation
-from physgen.render.shadow_decomposition import LitBackground
-from physgen.render.sprites import Sprite
+from physgen.geometry.polygon import Array, Pose, rotation
+from physgen.geometry.shadows import F32
+from physgen.render.shadow_decomposition import U8, LitBackground
+from physgen.render.sprites import U16, Sprite
 from physgen.simulate.trajectory import Trajectory
 from physgen.simulate.trajectory import rotation_matrices as in_space
 
-F32 = NDArray[np.float32]
-Array = NDArray[np.float64]
 Slices = tuple[slice, slice]
 
 LEAVES = 0.1
@@ -201,10 +200,6 @@ def three_channels(values: F32) -> F32:
     return np.asarray(cv2.merge((values, values, values)), np.float32)
 
 
-U8 = NDArray[np.uint8]
-U16 = NDArray[np.uint16]
-
-
 @dataclass(frozen=True)
 class Cover:
     """Where a body is in a picture, what hides it taken away."""
@@ -292,7 +287,7 @@ def sprite_poses(
 ) -> Iterator[tuple[float, list[SpritePose]]]:
     """Time, s, of each sample in its `order` and how every sprite stands then: geometry alone."""
     if stage.scale != 1.0:
-        trajectory = replace(trajectory, poses=_enlarged(trajectory.poses, stage.scale))
+        trajectory = replace(trajectory, poses=enlarged_poses(trajectory.poses, stage.scale))
     size = (stage.background.shape[1], stage.background.shape[0])
     starts: Sequence[Pose] = stage.starts
     if not starts and len(trajectory.poses):
@@ -320,6 +315,6 @@ def _about(angle: float) -> Array:
     return turn
 
 
-def _enlarged(poses: Array, scale: float) -> Array:
+def enlarged_poses(poses: Array, scale: float) -> Array:
     """Poses (..., 3) on a canvas with `scale` pixels a photo pixel."""
     return np.concatenate([(poses[..., :2] + 0.5) * scale - 0.5, poses[..., 2:]], axis=-1)

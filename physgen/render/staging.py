@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import Body, World
-from physgen.geometry.polygon import Disc, Outline, Pose, Region, Ring, bounds
+from physgen.geometry.polygon import Array, Disc, Outline, Pose, Region, Ring, bounds
 from physgen.geometry.raster import coverage_box
-from physgen.geometry.shadows import ShadowSetting, Silhouette
-from physgen.maps import Percepts
+from physgen.geometry.shadows import F32, ShadowSetting, Silhouette
+from physgen.maps import U8, Percepts
 from physgen.photometry import DistantLight, decode
 from physgen.render.ball import ball_from_photo, sphere_shading
 from physgen.render.occlusion import SUNK, ground_below, occluders, occlusions, silhouette
@@ -27,9 +27,6 @@ from physgen.render.shadow_decomposition import decompose_shadows
 from physgen.render.sprites import MARGIN, Sprite, anchored, relief_of
 from physgen.render.stage import Frame, ShadowBody, Stage, three_channels
 from physgen.scene.scene import Scene, Solid, View
-
-U8 = NDArray[np.uint8]
-F32 = NDArray[np.float32]
 
 PAPER = (244, 242, 238)
 INK = (70, 70, 74)
@@ -191,7 +188,6 @@ def matte_coverage(frame: Frame) -> F32:
 
 
 Mask = NDArray[np.bool_]
-Array = NDArray[np.float64]
 
 
 def lit_stage(

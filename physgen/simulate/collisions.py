@@ -15,13 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.simulate.contacts import ContactProperties, Point, Points, point_at_closing
+from physgen.simulate.contacts import Array, ContactProperties, Flags, Point, Points, point_at_closing
 from physgen.simulate.joints import Assemblies
 
-Array = NDArray[np.float64]
-
 Index = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

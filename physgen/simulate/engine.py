@@ -23,6 +23,7 @@ from physgen.scene.scene import Motion
 from physgen.simulate.collisions import Impacts, ImpactSolver, StepMotion, WorkBudget
 from physgen.simulate.contacts import (
     CONTACT_BYTES,
+    Array,
     ContactProperties,
     Touching,
     any_closes,
@@ -55,7 +56,6 @@ from physgen.simulate.space import Space
 from physgen.simulate.step_control import Governor, StepDivider
 from physgen.simulate.trajectory import Effort, Trajectory
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 PHASE = 0.1

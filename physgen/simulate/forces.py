@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import Body, Joint, World
-from physgen.geometry.polygon import polygon_moments
+from physgen.geometry.polygon import Array, polygon_moments
 from physgen.scene.scene import FieldKind, JointKind, Load, Motion
 from physgen.simulate.contacts import touching
 from physgen.simulate.friction import Pair, Resistance, Table
@@ -43,9 +43,6 @@ def stiffest_spring(world: World) -> tuple[float, str]:
             if index is not None and world.bodies[index].motion is Motion.DYNAMIC:
                 pulls[index] = pulls.get(index, 0.0) + pull
     return max(pulls.values(), default=0.0) ** 0.5, name
-
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,11 @@ from collections.abc import Mapping
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from physgen.compile.world import World
 from physgen.scene.scene import Motion, Solid
-from physgen.simulate.contacts import Touching
+from physgen.simulate.contacts import Array, Touching
 
-Array = NDArray[np.float64]
 Pair = tuple[int, int]
 """Two bodies; -1 for the world."""
 

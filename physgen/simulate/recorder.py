@@ -16,7 +16,7 @@ from physgen.compile.world import World
 from physgen.problems import InputError, Place, Problem
 from physgen.scene.scene import Motion
 from physgen.simulate.collisions import Impacts
-from physgen.simulate.contacts import CONTACT_BYTES, touching
+from physgen.simulate.contacts import CONTACT_BYTES, Array, touching
 from physgen.simulate.forces import EnergyEvent, EnergyFlow, ForceFields, ScriptedMotion
 from physgen.simulate.trajectory import (
     Contacts,
@@ -28,7 +28,6 @@ from physgen.simulate.trajectory import (
 )
 from physgen.simulate.trajectory import compose_quaternions as then
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 

@@ -18,10 +18,9 @@ from pymunk.batch import ArbiterFields, BodyFields
 
 from physgen.compile.world import Body, Joint, Wall, World
 from physgen.scene.scene import JointKind, Motion
-from physgen.simulate.contacts import NUMBERS, WORDS
+from physgen.simulate.contacts import NUMBERS, WORDS, Array
 from physgen.simulate.friction import Pair
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 SLOP = 0.005

@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.files import write_atomic
-from physgen.geometry.polygon import Pose
+from physgen.geometry.polygon import Array, Pose
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int32]
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from physgen.compile.compile import Compiled, compile_shapes
 from physgen.compile.world import Body, World
-from physgen.geometry.polygon import polygon_moments
+from physgen.geometry.polygon import Array, polygon_moments
 from physgen.problems import InputError, Problem
 from physgen.progress import Progress, silent
 from physgen.scene.scene import Motion, Scene, View
@@ -25,7 +25,6 @@ from physgen.simulate.trajectory import Trajectory
 from physgen.simulate.uncertain_values import UncertainValue, draw_values, uncertain_values, with_draw
 from physgen.text import rounded
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 RATE = 120.0

@@ -60,3 +60,23 @@ def test_it_is_the_mean_of_light(tmp_path) -> None:
     for k, frame in enumerate(blurred):
         mean = np.mean([decode(rgb) for rgb in each[k * parts : (k + 1) * parts]], axis=0)
         assert np.abs(decode(frame.rgb) - mean).max() < 0.006
+
+
+def test_a_smeared_picture_is_the_mean_of_many(bundled) -> None:
+    """Of balls that roll, throw shadows and shade each other, beside the mean of every moment drawn by itself."""
+    scene = pipeline.load(bundled / "billiards" / "scene.yaml", ["world.duration=0.3"])
+    maps = pipeline.percepts(scene)
+    compiled = pipeline.compile(scene, maps)
+    stage = pipeline.stage(scene, compiled, maps)
+    trajectory = simulate(compiled.world)
+    times, parts = exposure_times(trajectory, compiled.world, 0.5)
+    fine = simulate(compiled.world, times)
+    smeared = [frame.rgb for frame in pipeline.render(stage, fine, parts)]
+    exact = [frame.rgb for frame in mean_exposures(pipeline.render(stage, fine), parts)]
+    sharp = [frame.rgb for frame in pipeline.render(stage, trajectory)]
+    assert np.array_equal(smeared[0], maps.rgb)
+    one, other = (
+        np.sqrt(np.mean((np.array(frames, np.float32) - np.array(exact, np.float32)) ** 2))
+        for frames in (smeared, sharp)
+    )
+    assert one < 0.5 * other

@@ -11,15 +11,11 @@ from typing import Any
 import numpy as np
 import torch
 
-from physgen.evaluate.fid import F64, U8
-from physgen.perceive.backends.models import (
-    Flag,
-    device_of,
-    load_weights,
-    run_note,
-)
+from physgen.evaluate.fid import F64
+from physgen.perceive.backends.models import Flag, device_of, load_weights, run_note
 from physgen.problems import InputError
 from physgen.registry import Setup
+from physgen.videos import U8
 
 FLAG = "--inception"
 WIDE = 2048
