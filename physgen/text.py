@@ -6,7 +6,7 @@ import difflib
 import json
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 UNITS = {
@@ -139,14 +139,33 @@ def number(value: int | float) -> str:
 def rounded(value: float, digits: int = 3) -> str:
     """A number as people write it: so many digits, thousands set apart.
 
-    >>> [rounded(v) for v in (568.2, 0.0301, 9.81, 4.0, 0.0)], rounded(27251.3, 4)
-    (['568', '0.0301', '9.81', '4', '0'], '27,250')
+    >>> [rounded(v) for v in (568.2, 0.0301, 9.81, 4.0, -0.0)], rounded(-27251.3, 4)
+    (['568', '0.0301', '9.81', '4', '0'], '−27,250')
     """
     if not value or not math.isfinite(value):
-        return f"{value:g}"
+        return f"{abs(value):g}"
     places = digits - 1 - math.floor(math.log10(abs(value)))
-    text = f"{round(value, places):,.{max(places, 0)}f}"
+    text = f"{round(value, places):,.{max(places, 0)}f}".replace("-", "−")
     return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def value_text(value: object) -> str:
+    """A value as people write it; empty for None.
+
+    >>> [value_text(v) for v in (None, True, "side", 1234567.0, [4200.0, -356.5], {"steps": 25, "strength": 0.3})]
+    ['', 'yes', 'side', '1,234,570', '(4,200, −356.5)', 'steps 25, strength 0.3']
+    """
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return rounded(value, 6)
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {value_text(part)}" for name, part in value.items())
+    if isinstance(value, Iterable) and not isinstance(value, str):
+        parts = [*value]
+        text = ", ".join(map(value_text, parts))
+        return f"({text})" if any(isinstance(part, float) for part in parts) else text
+    return "" if value is None else str(value)
 
 
 def name_ranges(names: Sequence[str]) -> str:

@@ -14,6 +14,7 @@ from physgen.cli.clips import add_overlays, variants_of
 from physgen.cli.output import OK, Bar, print_backup, print_json, print_line, print_problems
 from physgen.files import back_up, write_atomic
 from physgen.problems import InputError, Problem, Severity
+from physgen.text import value_text
 
 if TYPE_CHECKING:
     from physgen.compile.compile import Compiled
@@ -62,7 +63,7 @@ def object_rows(scene: Scene, compiled: Compiled) -> list[dict[str, Any]]:
 def _cell(value: Any) -> str:
     if isinstance(value, list):
         return ", ".join(value[:3]) + (f" and {len(value) - 3} more" if len(value) > 3 else "") or "-"
-    return f"{value:g}" if isinstance(value, float) else "-" if value in (None, "") else str(value)
+    return value_text(value) or "-"
 
 
 def check(options: argparse.Namespace) -> int:

@@ -129,6 +129,11 @@ class Clip:
         return self.name.removesuffix(f"-{self.variant}") if self.variant else self.name
 
     @property
+    def subject(self) -> object:
+        """The same for clips of one photo, or of the same objects."""
+        return self.photo or tuple(self.document.get("objects", ()))
+
+    @property
     def duration(self) -> float:
         """Of the film, s."""
         return self.frames / self.fps if self.fps > 0 else 0.0

@@ -78,11 +78,6 @@ def poster(film: Path) -> bytes:
     """The first frame of a film, which is the photo, as WebP. Raises OSError where it cannot be read."""
     try:
         frame = sample_frames(film, 1, SIDE)[0] if film.suffix == ".mp4" else _rgb(film)
-    except (
-        SyntaxError,
-        ValueError,
-        EOFError,
-        IndexError,
-    ) as error:  # Pillow calls a broken PNG a SyntaxError
+    except (SyntaxError, ValueError, EOFError, IndexError) as error:  # SyntaxError: a broken PNG
         raise OSError(f"{film} cannot be read: {error}") from error
     return encoded(fitted(frame, SIDE), "WEBP", quality=QUALITY)

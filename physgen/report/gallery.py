@@ -25,7 +25,7 @@ from physgen.report.films import poster
 from physgen.report.folders import remove_leftovers
 from physgen.report.html import script_json, template
 from physgen.report.sweep_keys import SweptKey, swept_keys
-from physgen.text import natural, rounded
+from physgen.text import natural, rounded, value_text
 
 Progress = Callable[[str, int, int], None]
 
@@ -41,6 +41,8 @@ class GalleryLimits:
     """Values of a key that are offered one by one; more become a range."""
     common_labels: int = 6
     """Labels that are offered at once, the most frequent."""
+    many: int = 200
+    """Cards; of more, those out of sight are laid out as they come."""
 
 
 LIMITS = GalleryLimits()
@@ -114,10 +116,12 @@ def gallery_page(clips: Sequence[Clip], shots: Sequence[str], home: Path, title:
         card = _card(k, clip, shot, keys, values, home)
         card["where"] = card["data"]["where"] = _folder(clip, home) if names[clip.name] > 1 else ""
         cards.append(card)
-    labels = Counter(label for clip in clips for label in clip.labels)
+    labels = Counter(label for clip in clips for label in clip.labels).most_common()
+    choices = [
+        (label, count) for label, count in labels if count < sum(bool(clip.document) for clip in clips)
+    ]
     free = [key for key in keys if not key.follows]
-    made = [clip for clip in clips if clip.document]
-    swept = bool(free) and len({clip.photo or tuple(clip.document.get("objects", ())) for clip in made}) == 1
+    swept = bool(free) and len({clip.subject for clip in clips if clip.document}) == 1
     data = {
         "clips": [card.pop("data") for card in cards],
         "keys": [_axis(key) for key in keys],
@@ -135,8 +139,9 @@ def gallery_page(clips: Sequence[Clip], shots: Sequence[str], home: Path, title:
         warned=sum(bool(clip.warnings) for clip in clips),
         earliest=_day(min(times, default=0.0)),
         latest=_day(max(times, default=0.0)),
-        labels=labels.most_common() if len(labels) > 1 else [],
+        labels=choices if len(choices) > 1 else [],
         common=LIMITS.common_labels,
+        many=LIMITS.many,
         keys=[_filter(key) for key in keys if 2 * sum(value is None for value in key.values) <= len(clips)],
         swept=swept,
         sentence=_sentence(clips, free if swept else []),
@@ -160,6 +165,7 @@ def _card(
     """Variables of the template for one clip; `data` is for the script."""
     film = "" if clip.film is None or clip.film.suffix not in KINDS else link(clip.film, home)
     labels = list(clip.labels.items())
+    changes = list(dict.fromkeys(clip.overrides))
     href = "" if clip.report is None else link(clip.report, home)
     shared = {"name": clip.name, "href": href, "size": clip.size, "variant": clip.variant}
     data = shared | {
@@ -177,10 +183,10 @@ def _card(
         "why": " ".join(clip.problems),
         "made": bool(clip.document),
         "warned": bool(clip.warnings),
-        "notes": [*clip.overrides, *clip.warnings, *clip.problems],
+        "notes": [*changes, *clip.warnings, *clip.problems],
     }
     shown = [
-        (key.name, format_value(value), key.unit, key.path)
+        (key.name, value_text(value), key.unit, key.path)
         for key, value in zip(keys, values, strict=True)
         if value is not None
     ]
@@ -195,26 +201,30 @@ def _card(
         "ratio": round(clip.size[0] / clip.size[1], 3),
         "moves": data["kind"] == "video/mp4" and bool(shot) and not clip.problems,
         "warnings": clip.warnings,
-        "settings": _counted(len(clip.overrides), "change"),
-        "notes": "\n".join(f"--set {text}" for text in clip.overrides),
+        "settings": _counted(len(changes), "change"),
+        "notes": "\n".join(f"--set {text}" for text in changes),
         "problems": clip.problems,
     }
 
 
 def _sentence(clips: Sequence[Clip], swept: Sequence[SweptKey]) -> str:
     """What the page shows, and how to look at it."""
-    count = f"{len(clips):,} clip{'s' * (len(clips) != 1)}"
+    failed = sum(bool(clip.problems) for clip in clips)
+    count, lost = _counted(len(clips), "clip"), ""
+    if failed:
+        count = f"{len(clips) - failed:,} of {count}"
+        lost = f"; {failed:,} failed, as {'its card says' if failed == 1 else 'their cards say'}"
     if swept:
         ranges = []
         for key in swept[:3]:
-            texts = [format_value(value) for value in _sorted_values(key)]
+            texts = [value_text(value) for value in _sorted_values(key)]
             ranges.append(
                 f"{key.name} {' to '.join(dict.fromkeys((texts[0], texts[-1])))} {key.unit}".strip()
             )
-        return f"{count} of one scene, simulated with {', '.join(ranges)}."
-    photos = len({clip.photo for clip in clips if clip.photo})
-    whence = f" from {photos:,} photo{'s' * (photos != 1)}" if photos else ""
-    return f"{count}, simulated{whence}. Point at a card or tap it to play; open it for its report."
+        return f"{count} of one scene, simulated with {', '.join(ranges)}{lost}."
+    photos = _counted(len({clip.photo for clip in clips} - {""}), "photo")
+    source = f" from {photos}" if photos else ""
+    return f"{count}, simulated{source}{lost}. Point at a card or tap it to play; open it for its report."
 
 
 def _folder(clip: Clip, home: Path) -> str:
@@ -226,21 +236,16 @@ def _facts(clip: Clip) -> str:
     if not clip.document:
         return "no clip"
     wide, high = clip.size
-    parts = (_counted(clip.objects, "object") or "no objects", f"{clip.duration:.3g} s", f"{wide} × {high}")
+    parts = (
+        _counted(clip.objects, "object") or "no objects",
+        f"{rounded(clip.duration)} s",
+        f"{wide} × {high}",
+    )
     return " · ".join(part.replace(" ", "\u00a0") for part in parts)
 
 
 def _counted(count: int, what: str) -> str:
-    return f"{count} {what}{'s' if count != 1 else ''}" if count else ""
-
-
-def format_value(value: float | str | None) -> str:
-    """A value as the page writes it.
-
-    >>> [format_value(value) for value in (0.1, 30625.0, 1234567.0, 1e-7, "side", None)]
-    ['0.1', '30,625', '1,234,570', '0.0000001', 'side', '']
-    """
-    return rounded(value, 6) if isinstance(value, float) else value or ""
+    return f"{count:,} {what}{'s' if count != 1 else ''}" if count else ""
 
 
 def link(path: Path, home: Path) -> str:
@@ -293,7 +298,7 @@ def _axis(key: SweptKey) -> dict[str, Any]:
     """A key for the script."""
     values = _sorted_values(key)
     plain = {name: getattr(key, name) for name in ("path", "name", "unit", "numeric", "follows")}
-    return {**plain, "values": values, "texts": [format_value(value) for value in values]}
+    return {**plain, "values": values, "texts": [value_text(value) for value in values]}
 
 
 def _filter(key: SweptKey) -> dict[str, Any]:
@@ -302,16 +307,13 @@ def _filter(key: SweptKey) -> dict[str, Any]:
     values = _sorted_values(key)
     found: dict[str, Any] = {"path": key.path, "name": key.name, "unit": key.unit, "range": None}
     if key.numeric and len(values) > LIMITS.most_choices:
-        ends = [format_value(values[0]), format_value(values[-1])]
+        ends = [value_text(values[0]), value_text(values[-1])]
         return found | {"range": ends, "last": len(values) - 1}
-    counted = Counter(map(format_value, have))
-    return found | {"values": [(text, counted[text]) for text in dict.fromkeys(map(format_value, values))]}
+    counted = Counter(map(value_text, have))
+    return found | {"values": [(text, counted[text]) for text in dict.fromkeys(map(value_text, values))]}
 
 
 def _aspect(clips: Sequence[Clip]) -> str:
-    """Of all films, or 4 / 3 where they differ."""
-    sizes = Counter(clip.size for clip in clips if clip.document)
-    if not sizes or len({round(w / h, 2) for w, h in sizes}) > 1:
-        return "4 / 3"
-    wide, high = next(iter(sizes))
-    return f"{wide} / {high}" if 0.5 <= wide / high <= 2.5 else "4 / 3"
+    """Of all films; empty where they differ."""
+    sizes = {clip.size for clip in clips if clip.document}
+    return "{} / {}".format(*max(sizes)) if len({round(w / h, 2) for w, h in sizes}) == 1 else ""

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image, JpegImagePlugin, PngImagePlugin, WebPImagePlugin  # noqa: F401
 
 from physgen.files import cache_folder, resource
+from physgen.text import rounded, value_text
 
 U8 = NDArray[np.uint8]
 
@@ -51,9 +52,11 @@ def _environment(folder: Path) -> Any:
         place.mkdir(parents=True, exist_ok=True)
         kept = Compiled(str(place))
     loader = jinja2.FileSystemLoader(folder)
-    return jinja2.Environment(
+    made = jinja2.Environment(
         loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, bytecode_cache=kept
     )
+    made.filters |= {"rounded": rounded, "value": value_text}
+    return made
 
 
 def script_json(data: object) -> str:

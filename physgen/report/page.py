@@ -36,7 +36,7 @@ from physgen.report.record import RunRecord, versions
 from physgen.report.refinement import RefinementStrip, refinement
 from physgen.report.uncertainty import UncertaintySection, dimmed_photo
 from physgen.scene.scene import Play, Render, Scene, View
-from physgen.text import rounded
+from physgen.text import rounded, value_text
 
 U8 = NDArray[np.uint8]
 
@@ -223,26 +223,22 @@ def _world_facts(scene: Scene, world: World) -> list[tuple[str, str, str]]:
     facts = [
         ("view", world.view.value, ""),
         ("scale", f"{rounded(scale, 4)} px/m", ""),
-        (
-            "gravity",
-            f"{rounded(world.gravity[0], 4)}, {rounded(world.gravity[1], 4)} px/s²",
-            f"{rounded(gravity / scale)} m/s²",
-        ),
+        ("gravity", f"{value_text(world.gravity)} px/s²", f"{rounded(gravity / scale)} m/s²"),
         ("canvas", f"{wide} × {high} px", f"{rounded(wide / scale)} × {rounded(high / scale)} m"),
-        ("duration", f"{world.duration:g} s", ""),
+        ("duration", f"{value_text(world.duration)} s", ""),
         ("video", f"{scene.video_size[0]} × {scene.video_size[1]} px", _played(scene.render)),
-        ("engine", f"{world.steps_per_second:g} steps/s", ""),
+        ("engine", f"{value_text(world.steps_per_second)} steps/s", ""),
         ("coefficients", world.combine.value, ""),
     ]
     if world.view is View.TOP:
-        facts.append(("table friction", f"{scene.world.table_friction:g}", ""))
+        facts.append(("table friction", value_text(scene.world.table_friction), ""))
     return facts
 
 
 def _played(render: Render) -> str:
     """How the clip differs from the motion and from the whole photo; empty where it does not."""
     parts = [
-        f"{render.slow:g} times slower" if render.slow != 1 else "",
+        f"{value_text(render.slow)} times slower" if render.slow != 1 else "",
         render.play.value if render.play is not Play.FORWARD else "",
         "through a camera" if render.camera else "",
     ]

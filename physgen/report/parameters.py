@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from physgen.compile.world import Body, World
 from physgen.scene.provenance import Provenance, Source
 from physgen.scene.scene import Field, FieldKind, Joint, JointKind, Load, Motion, Scene, Solid
-from physgen.text import name_ranges, rounded
+from physgen.text import name_ranges, rounded, value_text
 
 Array = NDArray[np.float64]
 
@@ -55,13 +55,15 @@ def arrows(world: World) -> list[tuple[str, Array, Array, str]]:
     found: dict[str, list[tuple[Array, Array, str]]] = {"velocity": [], "force": []}
     for body in world.bodies:
         if body.velocity.any():
-            title = f"{body.name}: {body.velocity[0]:g}, {body.velocity[1]:g} px/s"
+            title = f"{body.name}: {value_text(body.velocity)} px/s"
             found["velocity"].append((body.center, body.velocity, title))
     for push in world.pushes:
         if push.load is not Load.TORQUE and push.vector.any():
             body, unit = world.bodies[push.body], "g·px/s" if push.load is Load.IMPULSE else "g·px/s²"
-            title = f"{push.load.value} on {body.name}: {push.vector[0]:g}, {push.vector[1]:g} {unit}"
-            found["force"].append((body.center + push.at, push.vector, f"{title} from {push.start:g} s"))
+            title = f"{push.load.value} on {body.name}: {value_text(push.vector)} {unit}"
+            found["force"].append(
+                (body.center + push.at, push.vector, f"{title} from {value_text(push.start)} s")
+            )
     longest = LONGEST_ARROW * float(np.hypot(*world.size))
     rows = []
     for kind, some in found.items():
@@ -80,12 +82,12 @@ def constraint_rows(scene: Scene) -> list[dict[str, str]]:
     """A row for each joint and field: `name`, `kind`, `on`, `at`, `how`."""
     rows = []
     for joint in scene.joints:
-        at = " to ".join(f"{x:g}, {y:g}" for x, y in joint.points)
+        at = " to ".join(map(value_text, joint.points))
         rows.append((joint.name, joint.kind.value, _partners(joint), at, _settings(joint)))
     for field in scene.fields:
         on = ", ".join(field.objects[:8]) + (", ..." if len(field.objects) > 8 else "")
         here = field.kind is FieldKind.ATTRACTOR
-        at = f"{field.vector[0]:g}, {field.vector[1]:g}" if here else "everywhere"
+        at = value_text(field.vector) if here else "everywhere"
         rows.append((field.name, field.kind.value, on or "every dynamic object", at, _strength(field)))
     return [dict(zip(("name", "kind", "on", "at", "how"), row, strict=True)) for row in rows]
 
@@ -99,17 +101,18 @@ def _settings(joint: Joint) -> str:
     if joint.kind is JointKind.SPRING:
         (x1, y1), (x2, y2) = joint.points
         length = float(np.hypot(x2 - x1, y2 - y1)) if joint.length is None else joint.length
-        parts = [f"{joint.stiffness:g} g/s²", f"damping {joint.damping:g} g/s", f"length {length:.4g} px"]
+        stiffness, damping = value_text(joint.stiffness), value_text(joint.damping)
+        parts = [f"{stiffness} g/s²", f"damping {damping} g/s", f"length {rounded(length, 4)} px"]
     elif joint.kind is JointKind.MOTOR:
-        parts = [f"{joint.speed:g} °/s"]
-        parts += [] if joint.limit is None else [f"at most {joint.limit:g} g·px²/s²"]
+        parts = [f"{value_text(joint.speed)} °/s"]
+        parts += [] if joint.limit is None else [f"at most {value_text(joint.limit)} g·px²/s²"]
     return ", ".join([*parts, *(["the two bump into each other"] if joint.collide else [])])
 
 
 def _strength(field: Field) -> str:
     if field.kind is FieldKind.WIND:
-        return f"{field.vector[0]:g}, {field.vector[1]:g} px/s, drag {field.drag:g} g/px²"
-    return f"{field.strength:g} px³/s², softened over {field.soften:g} px"
+        return f"{value_text(field.vector)} px/s, drag {value_text(field.drag)} g/px²"
+    return f"{value_text(field.strength)} px³/s², softened over {value_text(field.soften)} px"
 
 
 @dataclass(frozen=True)
@@ -143,8 +146,8 @@ def parameter_rows(scene: Scene, world: World, variant: str | None) -> list[Row]
         shape = "mask" if item.mask is not None else "wall"
         cells = {
             "shape": Cell(f"{corners} points", sources.of(f"{path}.{shape}", None, near=True)),
-            "friction": Cell(f"{item.friction:g}", sources.of(f"{path}.friction", None)),
-            "elasticity": Cell(f"{item.elasticity:g}", sources.of(f"{path}.elasticity", None)),
+            "friction": Cell(value_text(item.friction), sources.of(f"{path}.friction", None)),
+            "elasticity": Cell(value_text(item.elasticity), sources.of(f"{path}.elasticity", None)),
         }
         rows.append(Row(item.name, "", "boundary", cells, ""))
     return rows
@@ -184,16 +187,11 @@ def _object(scene: Scene, index: int, body: Body, sources: Provenance) -> Row:
 
     cells = {
         "shape": cell(_shape(body), "shape"),
-        "mass": cell(
-            rounded(body.mass, 4),
-            "mass" if item.mass is not None else "density",
-        ),
+        "mass": cell(rounded(body.mass, 4), "mass" if item.mass is not None else "density"),
         "moment": Cell(rounded(body.moment, 4), Source("computed", "computed")),
-        "friction": cell(f"{item.friction:g}", "friction"),
-        "elasticity": cell(f"{item.elasticity:g}", "elasticity"),
-        "rolling": cell(f"{item.rolling:g}", "rolling"),
-        "velocity": cell(f"{body.velocity[0]:g}, {body.velocity[1]:g}", "velocity"),
-        "spin": cell(f"{degrees(body.spin):g}", "spin"),
+        **{key: cell(value_text(getattr(item, key)), key) for key in ("friction", "elasticity", "rolling")},
+        "velocity": cell(value_text(body.velocity), "velocity"),
+        "spin": cell(value_text(degrees(body.spin)), "spin"),
     }
     if item.motion is Motion.STATIC:
         cells = {key: value for key, value in cells.items() if key not in ("mass", "moment")}
@@ -204,7 +202,7 @@ def _object(scene: Scene, index: int, body: Body, sources: Provenance) -> Row:
 def _shape(body: Body) -> str:
     if body.radius is not None:
         what = body.solid.value if body.solid is not Solid.DISC else "circle"
-        return f"{what}, r {body.radius:.1f} px"
+        return f"{what}, r {rounded(body.radius, 4)} px"
     corners = sum(len(ring) for ring in body.rings)
     pieces = f", {len(body.pieces)} pieces" if len(body.pieces) > 1 else ""
     return f"polygon, {corners} corners{pieces}"

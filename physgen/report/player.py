@@ -420,10 +420,7 @@ def touches(seen: Trajectory) -> list[list[float | int | None]]:
     ):
         begins.setdefault(first * N + second, []).append((begin, row))
     total = np.zeros(len(contacts.touch_pairs))
-    for (
-        key,
-        mine,
-    ) in begins.items():  # what was given up to a sample belongs to the touch begun last before it
+    for key, mine in begins.items():  # impulses up to a sample belong to the touch begun last before it
         of = np.flatnonzero(pair == key)
         at = np.searchsorted([begin for begin, _ in mine], when[of] + LIMITS.instant) - 1
         np.add.at(total, np.array([row for _, row in mine])[np.maximum(at, 0)], size[of])

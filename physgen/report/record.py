@@ -183,9 +183,8 @@ def source_of(path: Path, folder: Path) -> str:
 
 def write_json(path: Path, data: object) -> None:
     """Indented, UTF-8, under its final name when it is whole."""
-    write_atomic(
-        path, json_text(data).encode("utf-8", "backslashreplace")
-    )  # the path of a folder need not be text
+    text = json_text(data)
+    write_atomic(path, text.encode("utf-8", "backslashreplace"))  # the path of a folder need not be text
 
 
 def json_text(data: object) -> str:

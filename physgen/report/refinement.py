@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from physgen.report.html import fitted
 from physgen.report.perception import Comparison
 from physgen.report.record import REFINING
+from physgen.text import value_text
 
 U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
@@ -81,12 +82,7 @@ class RefinementChanges:
             for place, (total, pixels) in zip(PLACES, self._sums.tolist(), strict=True)
         }
         total, pixels = self._sums.sum(axis=0).tolist()
-        found = {
-            **means,
-            "all": total / max(pixels, 1.0),
-            "near_px": self._near,
-            "first": self._first,
-        }
+        found = {**means, "all": total / max(pixels, 1.0), "near_px": self._near, "first": self._first}
         return {name: None if value is None else round(value, 4) for name, value in found.items()}
 
     def picture(self) -> U8:
@@ -142,20 +138,7 @@ def _change_rows(found: Mapping[str, float | None]) -> list[tuple[str, str]]:
 
 def _facts(note: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Backend and settings."""
-    rows = [(name.replace("_", " "), _text(value)) for name, value in note.items() if name not in ELSEWHERE]
+    rows = [
+        (name.replace("_", " "), value_text(value)) for name, value in note.items() if name not in ELSEWHERE
+    ]
     return [(name, value) for name, value in rows if value]
-
-
-def _text(value: object) -> str:
-    """Empty for None."""
-    if value is None:
-        return ""
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, float):
-        return f"{value:g}"
-    if isinstance(value, Mapping):
-        return ", ".join(f"{name} {_text(part)}" for name, part in value.items())
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return ", ".join(map(_text, value))
-    return str(value)

@@ -44,7 +44,10 @@ class SweptKey:
 
 
 def swept_keys(clips: Sequence[Clip]) -> list[SweptKey]:
-    """Keys of `--set`, in its order, whose values differ between clips; others have the value of their scene."""
+    """Keys of `--set`, in its order, whose values differ between clips of one photo.
+
+    Clips that were not given one have the value of their scene.
+    """
     edits = [_edits(clip) for clip in clips]
     rows = []
     for path in dict.fromkeys(path for edit in edits for path in edit):
@@ -52,7 +55,9 @@ def swept_keys(clips: Sequence[Clip]) -> list[SweptKey]:
             edit[path] if path in edit else _value(clip.document, path)
             for clip, edit in zip(clips, edits, strict=True)
         ]
-        if len(set(values) - {None}) > 1:
+        pairs = zip(clips, values, strict=True)
+        had = {(clip.subject, value) for clip, value in pairs if clip.document and value is not None}
+        if len(had) > len({subject for subject, _ in had}):
             rows.append((path, values))
     names = [dotted(path) for path, _ in rows[:MOST_KEYS]]
     found: list[SweptKey] = []

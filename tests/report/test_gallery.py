@@ -136,6 +136,16 @@ def test_names_of_keys_are_as_short_as_leaves_no_doubt(tmp_path: Path) -> None:
     assert keys["objects.ball.mass"].values == (0, 10, 20, 30, 25)
 
 
+def test_a_mixed_gallery_has_no_keys_of_a_sweep(tmp_path: Path) -> None:
+    """Clips of two photos, each with a mass of its own, as files with other edits have."""
+    for k, photo in enumerate(("a" * 64, "b" * 64)):
+        told = {"overrides": [f"objects.ball.mass={10 + k}"], "inputs": {"photo.png": photo}}
+        exhibit(tmp_path / f"{k}", document(image="photo.png"), **told)
+    assert swept_keys(clips_in([tmp_path])) == []
+    exhibit(tmp_path / "2", document(image="photo.png"), **told | {"overrides": ["objects.ball.mass=900"]})
+    assert [key.values for key in swept_keys(clips_in([tmp_path]))] == [(10, 11, 900)]
+
+
 # ---- pictures --------------------------------------------------------------------------------------------------------
 
 
@@ -231,6 +241,7 @@ def test_of_several_each_that_fails_leaves_a_card_until_it_succeeds(tmp_path: Pa
     assert re.search(r"bad\.yaml:5:\d+: objects\.ball\.mass", trace["problems"][0])
     data = Page(out / "index.html").data["clips"]
     assert [(clip["name"], clip["failed"]) for clip in data] == [("bad", True), ("good", False)]
+    assert "1 of 2 clips, simulated; 1 failed, as its card says." in (out / "index.html").read_text()
     (tmp_path / "bad.yaml").write_text(SCENE)
     assert main(["render", both[1], "-o", str(out)]) == 0
     assert not (out / "bad.failed.json").exists()

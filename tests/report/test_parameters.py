@@ -41,7 +41,7 @@ def test_each_number_has_its_source(tmp_path: Path) -> None:
         "velocity": Source("variant", "variant fast"),
         "spin": Source("flag", "--set"),
     }
-    assert (a.cells["mass"].text, a.cells["spin"].text, a.cells["velocity"].text) == ("5", "90", "3, 4")
+    assert (a.cells["mass"].text, a.cells["spin"].text, a.cells["velocity"].text) == ("5", "90", "(3, 4)")
     assert a.also == "label: clip 0.7"
     assert (b.kind, "mass" in b.cells) == ("static", False)
     assert floor.cells["friction"].source == Source("file", "base.yaml, line 7")
