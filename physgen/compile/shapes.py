@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from math import radians
 from zlib import crc32
 
 import cv2
@@ -17,25 +16,23 @@ from numpy.typing import NDArray
 
 from physgen.compile.world import Wall, surface
 from physgen.geometry.fitting import fit_outlines, without_specks
-from physgen.geometry.polygon import Array, Disc, Outline, Region, Ring, mass_properties, rotation
+from physgen.geometry.polygon import Array, Disc, Outline, Region, Ring, mass_properties
 from physgen.geometry.raster import coverage_box
 from physgen.geometry.regions import fit_regions
 from physgen.problems import InputError, Problem
 from physgen.scene.scene import (
     Auto,
     Boundary,
-    Box,
-    Circle,
     Mask,
     MaskId,
     MaskPolygon,
     MaskRle,
     Object,
     Points,
-    Polygon,
     Scene,
     Shape,
     View,
+    shape_outline,
 )
 
 U16 = NDArray[np.uint16]
@@ -212,21 +209,7 @@ def _written(item: Object, labels: U16 | None) -> Outline | None:
     if isinstance(shape, Auto):
         known = isinstance(item.mask, MaskId) and labels is not None and shape.stored is not None
         shape = shape.stored if known and mask_crc(labels, item.mask.id) == shape.crc else None  # type: ignore[arg-type, union-attr]
-    match shape:
-        case Circle(center=center, radius=radius):
-            return Disc(np.array(center, np.float64), float(radius))
-        case Box(center=center, size=(width, height), angle=angle):
-            corners = np.array([[-width, -height], [width, -height], [width, height], [-width, height]]) / 2
-            return Region((Ring(corners @ rotation(radians(angle)).T + center, ()),))
-        case Polygon(rings=rings):
-            return Region(
-                tuple(
-                    Ring(np.array(r.outline, np.float64), tuple(np.array(h, np.float64) for h in r.holes))
-                    for r in rings
-                )
-            )
-        case _:
-            return None
+    return None if shape is None else shape_outline(shape)
 
 
 BAND = 2.0

@@ -16,7 +16,9 @@ from physgen.compile.shapes import U16
 from physgen.geometry.convex import outline_shape, overlap_depth
 from physgen.maps import U8, Percepts
 from physgen.problems import Problem, by_place
+from physgen.scene.files import equal
 from physgen.scene.scene import Motion, Scene, Solid, View, held
+from physgen.text import quoted
 
 Mask = NDArray[np.bool_]
 
@@ -65,7 +67,7 @@ SAMPLES = 32
 
 def lint(scene: Scene, compiled: Compiled, maps: Percepts | None = None) -> list[Problem]:
     """Every warning, sorted by place; those of the photo's maps where `maps` are given."""
-    rules = (_overlaps, _unsupported, _without_effect, _missed_masks, _views)
+    rules = (_overlaps, _unsupported, _without_effect, _missed_masks, _views, _followed)
     found = [problem for rule in rules for problem in rule(scene, compiled)]
     return by_place([*found, *photo_differs(scene, compiled, maps)])
 
@@ -111,6 +113,27 @@ def _without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
             yield warning(
                 scene, f"fields.{field.name}", field.name, why, "take it out, or write motion: dynamic"
             )
+
+
+def _followed(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
+    """Numbers that follow a label or a scale, where the file still has those for another."""
+    record, scale, fix = scene.record, scene.world.pixels_per_meter, "perceive --refresh writes them"
+    stated = "world.pixels_per_meter" in scene.places
+    if stated and record.scale is not None and not equal(record.scale, scale):
+        why = f"is not the {record.scale:g} px/m that was perceived: masses, pushes and playback follow it"
+        yield warning(scene, "world.pixels_per_meter", f"{scale:g}", why, fix)
+    for item in scene.objects:
+        was = record.entry(item.name, scene.document["objects"][item.name])
+        if was.get("label", item.label) != item.label:
+            keys = [
+                key
+                for key in ("mass", "friction", "elasticity")
+                if key in item.provenance.keys() & was.keys()
+            ]
+            now = [f"{key} {getattr(item, key):g}" for key in keys if not equal(getattr(item, key), was[key])]
+            if now:
+                why = f"is not what was perceived, and gives {', '.join(now)}"
+                yield warning(scene, f"objects.{item.name}.label", quoted(item.label), why, fix)
 
 
 def _views(scene: Scene, compiled: Compiled) -> Iterator[Problem]:

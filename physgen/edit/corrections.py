@@ -29,13 +29,13 @@ from physgen.edit.object_entries import (
     changed_entry,
     grams,
     joined_mass,
-    photo_object,
     written,
 )
 from physgen.edit.operations import edited
 from physgen.files import write_atomic
 from physgen.geometry.fitting import fit_outlines
 from physgen.geometry.polygon import translated_outline
+from physgen.geometry.scale import photo_object
 from physgen.maps import Percepts
 from physgen.perceive import document
 from physgen.perceive.inpaint.poisson import dilate

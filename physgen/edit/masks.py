@@ -21,11 +21,11 @@ from physgen.edit.object_entries import (
     Mask,
     changed_entry,
     new_entry,
-    photo_object,
     written,
 )
 from physgen.edit.operations import replaced
 from physgen.geometry.fitting import fit_outlines
+from physgen.geometry.scale import photo_object
 from physgen.perceive.document import object_names
 from physgen.perceive.roles import SMALLEST_OBJECT, Name, PhotoObject, PromptedMask, Rgb, Segments
 from physgen.perceive.segment.prompts import (

@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 
 from physgen import registry
 from physgen.edit.live import CompiledScene, Live
-from physgen.geometry.polygon import Disc, Outline, bounds, mass_properties
+from physgen.geometry.polygon import Disc, mass_properties
+from physgen.geometry.scale import is_assumed, photo_object
 from physgen.maps import Percepts
 from physgen.perceive import document
-from physgen.perceive.refresh import perceived_keys, rewritten, with_sources
+from physgen.perceive.refresh import rewritten, with_sources
 from physgen.perceive.roles import BoundaryGuess, Detections, Name, PhotoObject
-from physgen.perceive.scale import is_assumed
 from physgen.problems import InputError, impossible
+from physgen.scene.provenance import perceived_keys
 from physgen.scene.scene import Scene
 from physgen.text import quantity
 
@@ -104,13 +105,6 @@ def begin(live: Live, text: str) -> Correction:
 def table_keys(was: Data) -> set[str]:
     """Keys of an object that the material table gave."""
     return perceived_keys(was, registry.find("physics").name)
-
-
-def photo_object(id_: int, outline: Outline, label: str, size: tuple[int, int]) -> PhotoObject:
-    """An object, and whether the photo's border cuts it off."""
-    x0, y0, x1, y1 = bounds(outline)
-    cut = min(x0, y0) < 0 or x1 > size[0] - 1 or y1 > size[1] - 1
-    return PhotoObject(id_, outline, label, cut)
 
 
 def new_entry(work: Correction, labels: U16, one: PhotoObject, name: str, label: Name | None) -> Data:

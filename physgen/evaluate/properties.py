@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from physgen.evaluate.measure import Findings, Progress, Section, Table
 from physgen.geometry import raster
 from physgen.geometry.polygon import Disc, Outline, Region, Ring
+from physgen.geometry.scale import MIN_SCALE_CONFIDENCE, box_sides, photo_scale
 from physgen.materials import kind as kind_of
 from physgen.perceive.roles import Matter, PhotoObject, Physics, Rgb
-from physgen.perceive.scale import MIN_SCALE_CONFIDENCE, box_sides, photo_scale
 from physgen.problems import InputError
 from physgen.registry import Backends
 from physgen.scene.document import Source, decode, plain, read

@@ -20,6 +20,7 @@ from physgen import __version__
 from physgen.compile.shapes import fill_polygon, mask_crc
 from physgen.files import resource, write_atomic, write_with_backup
 from physgen.geometry.polygon import Array, Disc, Outline, mass_properties
+from physgen.geometry.scale import playback
 from physgen.maps import Keep, ignore_kept_file, write_assets, write_png
 from physgen.materials import kind, nouns
 from physgen.perceive.occlusion import drawing_layers, occlusion_orders
@@ -40,6 +41,8 @@ from physgen.perceive.support.viewpoint import DOUBTS
 from physgen.photometry import DistantLight
 from physgen.problems import InputError, Place, Problem, Severity
 from physgen.scene.files import MAPS, OUTLINES, RECORD, recorded
+from physgen.scene.provenance import provenance as provenance
+from physgen.scene.provenance import stated_scale, table_confidences
 from physgen.scene.scene import Solid, View
 from physgen.scene.schema import schema_at
 from physgen.scene.write import scene_text
@@ -183,9 +186,7 @@ def object_entries(
                 if chance >= LIKELY and label != item.label
             ]
             comments[f"{at}.label"] = sources["label"] + (", or " if likely else "") + ", ".join(likely)
-        sources["mass"] = provenance(table, its.confidence)
-        sources["friction"] = provenance(table, 0.5 * its.confidence + 0.2)
-        sources["elasticity"] = sources["friction"]
+        sources |= {key: provenance(table, sure) for key, sure in table_confidences(its.confidence).items()}
         grip = boundaries.grip.get(item.id, 0.0)
         one: dict[str, Any] = {
             "label": item.label,
@@ -199,7 +200,8 @@ def object_entries(
         held = item.id in boundaries.held
         if can_roll(item, its.solid, boundaries.view) and not (item.cut or held):
             one["rolling"] = its.rolling
-            sources["rolling"] = sources["friction"]
+        else:
+            del sources["rolling"]
         if its.surface:
             comments[f"{at}.friction"] = its.surface
         if not (item.cut or held):
@@ -229,11 +231,6 @@ def object_entries(
 def _mask_source(found: Detections, i: int) -> str:
     source = "pointed at" if i in found.prompts else found.source
     return found.mask_sources.get(i) or provenance(source, found.confidence.get(i, 1.0))
-
-
-def provenance(source: str, confidence: float) -> str:
-    """A source and its confidence, as `from` has it: table 0.4."""
-    return f"{source} {round(confidence, 2):g}"
 
 
 def light_entry(light: DistantLight) -> dict[str, Any]:
@@ -394,7 +391,7 @@ def summary(perceived: PerceivedScene) -> list[str]:
     pushed = [name for name, item in objects.items() if any(item.get("velocity", ()))]
     reasons = (comments[f"objects.{name}.velocity"].split(", ")[1].partition(";")[0] for name in pushed)
     table["motion"] = "; ".join(
-        f"{name} is pushed, {reason}" for name, reason in zip(pushed, reasons, strict=True)
+        f"{name} is pushed {reason}" for name, reason in zip(pushed, reasons, strict=True)
     )
     table["motion"] = table["motion"] or "nothing is pushed; try render --push NAME=right"
     unsure = [f"{name} {one:g}" for name, one in sure.items() if one < DOUBTS.most]
@@ -479,12 +476,17 @@ def write_scene(
     write_with_backup(assets / OUTLINES, outlines.encode(), keep)
     schema = assets / SCHEMA
     write_with_backup(schema, resource("schemas", SCHEMA).read_bytes(), keep)
-    world = perceived.document.get("world", {}) | perceived.document.get("render", {})
+    per_meter = stated_scale(perceived.document)
+    duration, slow = playback(max(perceived.percepts.labels.shape), per_meter)
     record: dict[str, Any] = {
         "physgen": __version__,
         "steps": list(perceived.record),
-        "objects": {str(item["mask"]): item for item in perceived.document["objects"].values()},
-        "world": {key: world[key] for key in ("pixels_per_meter", "duration", "slow") if key in world},
+        "objects": {
+            str(item["mask"]): item | perceived.wrote.get(name, {})
+            for name, item in perceived.document["objects"].items()
+        },
+        "world": {"pixels_per_meter": per_meter, "duration": duration, "slow": slow}
+        | perceived.wrote.get("", {}),
         "maps": ranges,
     }
     if (suits := perceived.suitability) is not None:
@@ -506,6 +508,7 @@ def write_scene(
 def _rewritten(text: str, old: Mapping[str, Any], new: dict[str, Any], comments: Mapping[str, str]) -> str:
     """The text with new data, and with comments on the values that are new."""
     fresh = {key: words for key, words in comments.items() if value_at(new, key) != value_at(old, key)}
+    fresh.pop("objects", None)  # the file says how they were found first
     changed = [key.split(".") for key in fresh if value_at(old, key) is not None]
     return with_comments(without_guess_comments(write(text, new), changed), fresh)
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from math import exp
 from typing import Any
 
 import cv2
@@ -19,6 +20,16 @@ import numpy as np
 from physgen.geometry import raster
 from physgen.geometry.fitting import fit_outlines
 from physgen.geometry.polygon import Disc, bounds
+from physgen.geometry.scale import (
+    LIMITS,
+    MIN_SCALE_CONFIDENCE,
+    Scale,
+    assumed_scale,
+    box_sides,
+    photo_scale,
+    playback,
+    scale_entry,
+)
 from physgen.maps import Percepts
 from physgen.materials import kind
 from physgen.perceive import document
@@ -38,15 +49,6 @@ from physgen.perceive.roles import (
     Scenery,
     Shadows,
     Suitability,
-)
-from physgen.perceive.scale import (
-    MIN_SCALE_CONFIDENCE,
-    Scale,
-    assumed_scale,
-    judged_scale,
-    photo_scale,
-    playback,
-    scale_entry,
 )
 from physgen.perceive.segment.prompts import Segmenter
 from physgen.perceive.shadow.shadow_removal import refill_background
@@ -245,6 +247,30 @@ class _Run:
     def signed(self, made: PerceivedScene) -> PerceivedScene:
         """With the record of the backends, where models took part."""
         return made if self.crew.all_default() else replace(made, record=self.crew.record())
+
+
+def judged_scale(objects: Sequence[PhotoObject], matter: Mapping[int, Matter], source: str) -> Scale | None:
+    """The photo's scale by the judged size of each object (`Matter.size`), None where none was judged.
+
+    The median counts; the unweighted disagreement of the judgements gives the confidence.
+    """
+    found = [
+        (box_sides(item.outline)[0] / size, matter[item.id].confidence)
+        for item in objects
+        if not item.cut and (size := matter[item.id].size)
+    ]
+    if not found:
+        return None
+    logs = np.log([per_meter for per_meter, _ in found])
+    middle = float(np.median(logs))
+    spread = 1.5 * LIMITS.judged
+    if len(logs) > 1:
+        spread = max(float(np.median(np.abs(logs - middle))) * 1.48, LIMITS.judged)
+    sure = float(np.median([confidence for _, confidence in found])) ** 0.5
+    count = f"{len(found)} objects" if len(found) > 1 else "one object"
+    reason = f"{source} judged the size of {count}, which agree to about {100 * spread:.0f} %"
+    confidence = round(0.95 * sure * exp(-((spread / LIMITS.vague) ** 2)), 2)
+    return Scale(float(f"{exp(middle):.2g}"), confidence, reason)
 
 
 def fit_objects(rgb: Rgb, found: Detections) -> tuple[list[PhotoObject], int]:

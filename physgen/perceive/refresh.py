@@ -6,19 +6,24 @@ and stays. Labels and names stay. Masks stay, but for objects with a prompt.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from physgen.geometry.scale import PAPER_SCALE
 from physgen.perceive.roles import Detections, Labels, Name, Rgb
-from physgen.perceive.scale import PAPER_SCALE, is_assumed
 from physgen.perceive.segment.prompts import Box, Point, Segmenter, from_prompts
 from physgen.scene.files import Record, equal
+from physgen.scene.provenance import (
+    label_confidence,
+    perceived_keys,
+    scale_is_given,
+    scaled_values,
+    stated_scale,
+)
 from physgen.scene.scene import BoxPrompt, MaskId, Object, Scene
-from physgen.text import quantity
 
 OVERLAP = (0.5, 0.3)
 """Share of the smaller mask, and of the old one, from which a new prompt means an existing object."""
@@ -26,9 +31,6 @@ PIXEL_KEYS = ("mask", "shape", "prompt")
 """Keys of an object that follow its pixels."""
 GLIDING = {"friction": 0}
 """The table that perception writes where it is seen from above."""
-SCALED_SECTIONS = ("forces", "joints", "fields", "camera", "extends", "variants")
-"""Sections with numbers in px and s, which the user chose for the scale that the scene had."""
-
 Entry = Mapping[str, Any]
 """One object or boundary of the scene's data."""
 
@@ -95,7 +97,9 @@ def start_refresh(
         result,
         "kept",
         confidence,
-        names={i: Name(item.label, _label_confidence(item)) for i, item in named.items() if item.label},
+        names={
+            i: Name(item.label, label_confidence(item.provenance)) for i, item in named.items() if item.label
+        },
         prompts=prompts,
         object_names={i: item.name for i, item in named.items()},
         mask_sources={i: item.provenance.get("mask", "") for i, item in named.items() if i not in prompts},
@@ -110,12 +114,6 @@ def _mask_ids(objects: Sequence[Object]) -> list[int]:
     return [i if i and i not in own[:k] else next(free) for k, i in enumerate(own)]
 
 
-def _label_confidence(item: Object) -> float:
-    """The confidence that `from` gives its label, 1 where it gives none."""
-    text = item.provenance.get("label", "").split(" ")[-1]
-    return float(text) if re.fullmatch(r"[01]?\.?\d+", text) else 1.0
-
-
 def with_sources(document: Entry, scene: Scene) -> dict[str, Any]:
     """A scene's data, in which `from` of each object names what is still as perception wrote it."""
     sources = {item.name: dict(item.provenance) for item in scene.objects}
@@ -124,27 +122,6 @@ def with_sources(document: Entry, scene: Scene) -> dict[str, Any]:
         for name, own in document["objects"].items()
     }
     return {**document, "objects": objects}
-
-
-def follows_scale(scene: Entry, record: Record, side: int) -> bool:
-    """Whether the scene's scale is perception's, and no number in the scene was made for it.
-
-    `side` is the photo's longer side, px.
-    """
-    moving = ("velocity", "spin", "roll", "density")
-    chosen = any(scene.get(key) for key in SCALED_SECTIONS) or "gravity" in scene.get("world", {})
-    if chosen or any(
-        key in was and not equal(was[key], record.entry(name, was).get(key, [0, 0]))
-        for name, was in scene["objects"].items()
-        for key in moving
-    ):
-        return False
-    stated = scene.get("world", {}).get("pixels_per_meter", PAPER_SCALE)
-    stated = quantity(stated, "px/m", 1.0) if isinstance(stated, str) else float(stated)
-    if stated is None:
-        return False
-    scale = record.world.get("pixels_per_meter")
-    return is_assumed(stated, side) if scale is None else equal(stated, scale)
 
 
 def user_layers(scene: Entry) -> dict[str, int]:
@@ -186,13 +163,6 @@ def merge_documents(
     return result | ({"boundaries": fresh | walls} if fresh or "boundaries" in old else {})
 
 
-def perceived_keys(was: Entry, source: str = "") -> set[str]:
-    """Keys of an object that its `from` names, but for label and mask; only those of `source` where it is given."""
-    sources = was.get("from", {})
-    keys = {key for key, one in sources.items() if not source or str(one).split(" ")[0] == source}
-    return (keys | ({"solid"} if "mass" in keys else set())) - {"label", "mask"}
-
-
 def merge_object(was: Entry, now: Entry, prompted: bool = False) -> dict[str, Any]:
     """An object as it `was`, with what its `from` names as it is `now`; pixels follow where it is `prompted`.
 
@@ -201,10 +171,8 @@ def merge_object(was: Entry, now: Entry, prompted: bool = False) -> dict[str, An
     if set(was) <= {"mask", "from", "confidence"}:
         return {**now, "mask": was["mask"], "from": {**now["from"], **was.get("from", {})}}
     keys = perceived_keys(was) | (set(PIXEL_KEYS) if prompted else set())
-    if "from" in was and "shape" not in was:  # it lies in the assets
-        keys.add("shape")
-    if "from" in was and "layer" not in was:
-        keys.add("layer")
+    if "from" in was:
+        keys |= {"shape", "solid", "layer"} - was.keys()  # which lie in the assets
     return rewritten(was, now, keys)
 
 
@@ -218,6 +186,26 @@ def rewritten(was: Entry, now: Entry, keys: Collection[str]) -> dict[str, Any]:
             else:
                 values.pop(key, None)
     return result | ({"from": sources} if sources else {})
+
+
+def rescaled(
+    old: Entry, new: dict[str, Any], record: Record, side: int
+) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+    """The `new` data with speeds and playback for its scale, and what perception wrote where the user of `old` differs.
+
+    The second as `PerceivedScene.wrote`.
+    """
+    result = new
+    for path, value in scaled_values(old, record, stated_scale(new), side).items():
+        part = result = {**result}
+        for key in path[:-1]:
+            part[key] = part = {**part.get(key, {})}
+        part[path[-1]] = value
+    wrote: dict[str, dict[str, Any]] = {"": {"given": True} if scale_is_given(old, record, side) else {}}
+    for name, was in old["objects"].items():
+        velocity = record.entry(name, was).get("velocity", [0, 0])
+        wrote[name] = {} if equal(was.get("velocity", [0, 0]), velocity) else {"velocity": velocity}
+    return result, wrote
 
 
 def kept_doubtful(scene: Entry, before: Labels, labels: Labels) -> tuple[Labels, dict[str, Any]]:

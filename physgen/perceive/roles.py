@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.geometry.polygon import Outline
+from physgen.geometry.scale import PhotoObject as PhotoObject
 from physgen.maps import Percepts
 from physgen.photometry import DistantLight
 from physgen.problems import Problem
@@ -92,18 +93,6 @@ class PromptedMask:
     """(H, W)."""
     confidence: float
     """That it is an object with about this outline."""
-
-
-@dataclass(frozen=True)
-class PhotoObject:
-    """An object of the photo: its id in the label map, its outline, and its label."""
-
-    id: int
-    outline: Outline
-    label: str = ""
-    """`""` until it is named."""
-    cut: bool = False
-    """Whether the photo's border cuts it off."""
 
 
 @dataclass(frozen=True)
@@ -311,3 +300,5 @@ class PerceivedScene:
     """How each role ran, where model backends took part."""
     suitability: Suitability | None = None
     """None where the scene was not perceived."""
+    wrote: Mapping[str, dict[str, Any]] = field(default_factory=dict)
+    """What perception wrote where a user has set something else since, by object; `""` for the scale."""

@@ -119,6 +119,7 @@ def _pushed(perceived: PerceivedScene) -> PerceivedScene:
     from physgen.compile.shapes import shapes_of
     from physgen.pipeline.pushes import default_push
     from physgen.scene.load import Opened
+    from physgen.scene.provenance import meters
     from physgen.scene.write import scene_text
 
     document = perceived.document
@@ -141,9 +142,8 @@ def _pushed(perceived: PerceivedScene) -> PerceivedScene:
         return perceived
     if push is None:
         return perceived
-    per_meter = scene.world.pixels_per_meter
-    meters = [f"{float(f'{part / per_meter:.3g}'):g} m/s" if part else 0 for part in push.velocity]
-    item = document["objects"][push.name] | {"velocity": meters}
+    speeds = [meters(part / scene.world.pixels_per_meter) for part in push.velocity]
+    item = document["objects"][push.name] | {"velocity": speeds}
     document = document | {"objects": document["objects"] | {push.name: item}}
     comments = perceived.comments | {f"objects.{push.name}.velocity": push.comment}
     return replace(perceived, document=document, comments=comments)
@@ -201,24 +201,25 @@ def refresh(
     warning for objects inside them.
     """
     from physgen.compile.compile import compile_scene
+    from physgen.geometry.scale import is_assumed
     from physgen.maps import read_percepts
     from physgen.perceive.document import relabel_objects, write_scene
     from physgen.perceive.perceive import fit_objects
     from physgen.perceive.perceive import perceive as run
     from physgen.perceive.refresh import (
-        follows_scale,
         kept_doubtful,
         merge_documents,
+        rescaled,
         start_refresh,
         user_layers,
         with_sources,
     )
     from physgen.perceive.roles import Name
-    from physgen.perceive.scale import is_assumed
     from physgen.perceive.segment.prompts import Segmenter, weak_prompts
     from physgen.photos import read_photo
     from physgen.registry import Backends
     from physgen.scene.load import load, raw_document
+    from physgen.scene.provenance import follows_scale
 
     options = replace(options or PerceiveOptions(), **changes)
     crew = crew or Backends()
@@ -245,7 +246,8 @@ def refresh(
     named, renamed = relabel_objects(objects, options.labels, called)
     labels = begun.found.names
     side = max(scene.size)
-    scaled = follows_scale(old, scene.record, side)
+    record = scene.record
+    scaled = follows_scale(old, record, side)
     labels = {**labels, **{item.id: Name(item.label, 1.0) for item in named if item.id in renamed}}
     layers = user_layers(old)
     layer_of = {i: layers[name] for i, name in called.items() if name in layers}
@@ -260,6 +262,7 @@ def refresh(
     )
     new_labels = {called[item.id]: item.label for item in named if item.id in renamed}
     document = merge_documents(old, perceived.document, begun, new_labels, scaled)
+    document, wrote = rescaled(own, document, record, side)
     if maps is not None:
         labels_now, doubtful = kept_doubtful(old, maps.labels, perceived.percepts.labels)
         document |= {"doubtful": doubtful} if "doubtful" in old else {}
@@ -270,6 +273,6 @@ def refresh(
         perceived = replace(perceived, percepts=replace(perceived.percepts, clean=clean, depth=depth))
     text = None if "extends" in own else path.read_bytes().decode("utf-8-sig")
     comments = {} if text is None else perceived.comments  # only those of values that are new are written
-    perceived = replace(perceived, document=document, comments=comments)
+    perceived = replace(perceived, document=document, comments=comments, wrote=wrote)
     image = scene.image if photo.plain else None
     return write_scene(perceived, image, scene.image.stem, output, options.assets, keep, text)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.perceive.scale import push_speed
+from physgen.geometry.scale import push_speed
 from physgen.problems import InputError
 from physgen.scene.scene import Motion, Object, Scene, View
 from physgen.text import listed, nearest, quantity
@@ -90,7 +90,7 @@ def default_push(scene: Scene, shapes: Shapes, sure: Mapping[str, float]) -> Pus
         for item, way in ranked[: TRIAL.tried]:
             velocity = (round(speed * way[0]), round(speed * way[1]))
             shown = _shown(scene, shapes, item, velocity)
-            tried.append((shown, Push(item.name, velocity, _comment(scene, speed, way))))
+            tried.append((shown, Push(item.name, velocity, _comment(way))))
         most = max((shown for shown, _ in tried), default=0.0)
         if most > 0:
             return next(push for shown, push in tried if shown >= TRIAL.enough * most)
@@ -168,10 +168,9 @@ def _shown(scene: Scene, shapes: Shapes, item: Object, velocity: tuple[float, fl
     return float(np.minimum(away / TRIAL.far, 1.0).sum() + inside.mean())
 
 
-def _comment(scene: Scene, speed: float, way: tuple[float, float]) -> str:
+def _comment(way: tuple[float, float]) -> str:
     words = [word for word, (x, y) in WORDS.items() if way[0] * x + way[1] * y > sin(radians(22.5))]
-    meters = f"{speed / scene.world.pixels_per_meter:.2g} m/s to the {'-'.join(reversed(words))}"
-    return f"the push that sets it off, {meters}; [0, 0] leaves it at rest"
+    return f"the push that sets it off, to the {'-'.join(reversed(words))}; [0, 0] leaves it at rest"
 
 
 # Shorthands of the command line

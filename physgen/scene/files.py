@@ -12,7 +12,7 @@ import os
 import stat
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import isclose, isfinite
+from math import inf, isclose, isfinite
 from pathlib import Path
 from typing import Any
 
@@ -198,6 +198,13 @@ class Record:
     world: Mapping[str, Any] = field(default_factory=dict)
     maps: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """What 0 and 65535 stand for in depth.png and shading.png."""
+
+    @property
+    def scale(self) -> float | None:
+        """px/m for which the values are; None where that is unknown."""
+        found = self.world.get("pixels_per_meter")
+        known = isinstance(found, int | float) and 0 < found < inf
+        return float(found) if known else None  # type: ignore[arg-type]
 
     def entry(self, name: str, own: Mapping[str, Any]) -> Mapping[str, Any]:
         """What was written of an object, whose data is `own` now."""

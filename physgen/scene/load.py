@@ -14,8 +14,8 @@ from physgen.files import file_stamp
 from physgen.problems import InputError, Limit, Place, Problem
 from physgen.scene import scene as parts
 from physgen.scene.document import Node, Source, children, decode, items, plain, read
-from physgen.scene.files import read_scene, with_bases
-from physgen.scene.overlay import apply, edit_of_flag, edits_of_variant, targets, variants_of
+from physgen.scene.files import Record, read_scene, with_bases
+from physgen.scene.overlay import Edit, apply, edit_of_flag, edits_of_variant, targets, variants_of
 from physgen.scene.rules import Files, Ground, check_rules
 from physgen.scene.schema import Schema, at, expanded, inner, with_defaults
 from physgen.scene.validate import Findings, TooManyError, check_schema
@@ -68,14 +68,13 @@ class Opened:
     def scene(self, overrides: Sequence[str] = (), variant: str | None = None) -> parts.Scene:
         """With one of its variants and `KEY=VALUE` overrides on top; raises InputError with all problems."""
         report = Findings()
-        edited = in_numbers(_edited(self._root, overrides, variant, self._source))
-        ground = _check(edited, report, self._files)
+        edited = _edited(self._root, overrides, variant, self._source)
+        ground = _check(in_numbers(edited), report, self._files)
         problems = dict.fromkeys((*report.problems, *self._of_variants))
         if problems:
             raise InputError(problems)
-        return replace(
-            scene_from_tree(edited, scene_name(self.file), self._source, ground), files=tuple(self._stamps)
-        )
+        scene = scene_from_tree(*_followed(edited, ground), scene_name(self.file), self._source, ground)
+        return replace(scene, files=tuple(self._stamps))
 
 
 def load(
@@ -230,8 +229,40 @@ def scene_name(file: Path) -> str:
     return Path(os.path.abspath(file)).parent.name if file.name == "scene.yaml" else file.stem
 
 
-def scene_from_tree(root: Node, name: str, source: Source, ground: Ground) -> parts.Scene:
+def _followed(root: Node, ground: Ground) -> tuple[Node, Record]:
+    """The tree in numbers, with what follows from labels and scale that a user changed, and the record of that."""
+    record, tree = ground.record, in_numbers(root)
+    if not record.objects or ground.size is None:
+        return tree, record
+    from physgen.scene.provenance import followed
+
+    data = plain(tree)
+    outlines: dict[str, Any] = {}
+    for name, own in data.get("objects", {}).items():
+        stored = ground.outlines.get(own["mask"]) if isinstance(own.get("mask"), int) else None
+        shape = own["shape"] if isinstance(own.get("shape"), dict) else stored[1] if stored else None
+        outline = None if shape is None else parts.shape_outline(_shape(shape))
+        outlines |= {} if outline is None else {name: outline}
+    values, record = followed(plain(root), with_defaults(data), record, outlines, ground.size)
+    for path, value in sorted(values.items(), key=lambda one: len(one[0])):
+        key = dotted(path)
+        node = _at(root, path)
+        made = [node.with_value(part) for part in value] if isinstance(value, list) else value
+        root = apply(root, Edit(key, node.with_value(made), ()))
+    return in_numbers(root) if values else tree, record
+
+
+def _at(root: Node, path: KeyPath) -> Node:
+    """The node at a path, or the nearest above it."""
+    for key in path:
+        root = children(root).get(str(key), root)
+    return root
+
+
+def scene_from_tree(root: Node, record: Record, name: str, source: Source, ground: Ground) -> parts.Scene:
     """The scene of a checked tree, called `name`; `source` is the file that was opened.
+
+    `record` is what perception wrote, and what followed from it since.
 
     Named parts stand in the natural order of their names, so that no number depends on the order of keys in a file.
     """
@@ -239,7 +270,7 @@ def scene_from_tree(root: Node, name: str, source: Source, ground: Ground) -> pa
     data = with_defaults(written)
     for own_name, own in written.get("objects", {}).items():
         item = data["objects"][own_name]
-        item["from"] = ground.record.sources(own, item, own_name)
+        item["from"] = record.sources(own, item, own_name)
         stored = ground.outlines.get(own["mask"]) if isinstance(own.get("mask"), int) else None
         if stored is not None and stored[2] is not None and "shape" not in own:
             item.setdefault("solid", stored[2])

@@ -1,13 +1,31 @@
-"""Where each number of a scene comes from: a flag, a variant, an estimate, the file or a default."""
+"""Where each number of a scene comes from, and estimates that follow a changed label or scale."""
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from math import sqrt
 from pathlib import Path
+from typing import Any
 
+from physgen import registry
+from physgen.geometry.polygon import Disc, Outline
+from physgen.geometry.scale import (
+    MIN_SCALE_CONFIDENCE,
+    PAPER_SCALE,
+    WEIGHING,
+    is_assumed,
+    photo_object,
+    photo_scale,
+    playback,
+    weigh,
+)
+from physgen.materials import kind
 from physgen.problems import Place
+from physgen.scene.files import Record, equal
 from physgen.scene.scene import Scene
+from physgen.text import quantity
 
 _SURE = re.compile(r"^(.*?)\s*(?<![\d.])(0(?:\.\d+)?|1(?:\.0+)?)$")
 """A source, and a confidence in 0..1 behind it: `table 0.4`."""
@@ -91,3 +109,156 @@ class Provenance:
         if place in self._edited:
             return 2
         return 1 if place.file == self._file else 0
+
+
+Entry = Mapping[str, Any]
+"""One object or boundary of the scene's data, or all of it."""
+SCALED_SECTIONS = ("forces", "joints", "fields", "camera", "extends", "variants")
+"""Sections with numbers in px and s, which the user chose for the scale that the scene had."""
+
+
+def provenance(source: str, confidence: float) -> str:
+    """A source and its confidence, as `from` has it: table 0.4."""
+    return f"{source} {round(confidence, 2):g}"
+
+
+def perceived_keys(was: Entry, source: str = "") -> set[str]:
+    """Keys of an object that its `from` names, but for label and mask; only those of `source` where it is given."""
+    sources = was.get("from", {}) if isinstance(was.get("from", {}), Mapping) else {}
+    keys = {key for key, one in sources.items() if not source or str(one).split(" ")[0] == source}
+    return (keys | ({"solid"} if "mass" in keys else set())) - {"label", "mask"}
+
+
+def follows_scale(scene: Entry, record: Record, side: int) -> bool:
+    """Whether the scene's scale is perception's, and no number in the scene was made for it.
+
+    `side` is the photo's longer side, px.
+    """
+    moving = ("velocity", "spin", "roll", "density")
+    chosen = any(scene.get(key) for key in SCALED_SECTIONS) or "gravity" in scene.get("world", {})
+    if chosen or any(
+        key in was and not equal(was[key], record.entry(name, was).get(key, [0, 0]))
+        for name, was in scene["objects"].items()
+        for key in moving
+    ):
+        return False
+    return not scale_is_given(scene, record, side)
+
+
+def scale_is_given(scene: Entry, record: Record, side: int) -> bool:
+    """Whether a user set the scale, now or before the scene was perceived again."""
+    stated = stated_scale(scene)
+    if record.world.get("given"):
+        return True
+    return not (is_assumed(stated, side) if record.scale is None else equal(stated, record.scale))
+
+
+def stated_scale(scene: Entry) -> float:
+    """px/m, of data as it is written."""
+    stated = scene.get("world", {}).get("pixels_per_meter", PAPER_SCALE)
+    return quantity(stated, "px/m", 1.0) or 0.0 if isinstance(stated, str) else float(stated)
+
+
+def scaled_values(
+    scene: Entry, record: Record, pixels_per_meter: float, side: int
+) -> dict[tuple[str, ...], Any]:
+    """Speeds of pushes, the duration and the slow motion that perception wrote, for another scale; by path.
+
+    `scene` is the data as it is written. A push keeps the speed, in px/s, that suits the scale.
+    """
+    old = record.scale
+    if old is None or equal(old, pixels_per_meter):
+        return {}
+    found: dict[tuple[str, ...], Any] = {}
+    for name, own in scene.get("objects", {}).items():
+        velocity = record.entry(name, own).get("velocity")
+        if isinstance(velocity, list) and equal(own.get("velocity"), velocity):
+            speeds = [quantity(part, "m/s", 1.0) if isinstance(part, str) else 0 for part in velocity]
+            if any(speeds) and None not in speeds:
+                ratio = sqrt(old / pixels_per_meter)
+                found["objects", name, "velocity"] = [meters(ratio * (part or 0)) for part in speeds]
+    world, film = scene.get("world", {}), scene.get("render", {})
+    duration, slow = playback(side, pixels_per_meter)
+    if "duration" in record.world and equal(world.get("duration"), record.world["duration"]):
+        found["world", "duration"] = duration
+        before = film.get("slow", 1)
+        if "frames" not in film and equal(before, record.world.get("slow", 1)) and slow != before:
+            found["render", "slow"] = slow
+    return found
+
+
+def meters(speed: float) -> Any:
+    """A speed in m/s as perception writes it."""
+    return f"{float(f'{speed:.3g}'):g} m/s" if speed else 0
+
+
+def followed(
+    written: Entry, filled: Entry, record: Record, outlines: Mapping[str, Outline], size: tuple[int, int]
+) -> tuple[dict[tuple[str, ...], Any], Record]:
+    """Values that follow from labels and a scale that differ from those of the record, by path; and their record.
+
+    What perception wrote follows, and what a user set stays: the scale where it is perception's, what the material
+    table gave, pushes and playback. `written` is the scene's data as it is written, `filled` in numbers with defaults;
+    `outlines` are those that are known, by object.
+    """
+    objects, side = filled["objects"], max(size)
+    named = [name for name in outlines if "label" in written["objects"][name]]
+    wrote = {name: record.entry(name, objects[name]) for name in named}
+    wrote = {name: entry for name, entry in wrote.items() if isinstance(entry.get("label"), str)}
+    renamed = [name for name, entry in wrote.items() if objects[name]["label"] != entry["label"]]
+    per_meter = filled["world"]["pixels_per_meter"]
+    values: dict[tuple[str, ...], Any] = {}
+    if renamed and follows_scale(written, record, side):
+        seen = [photo_object(k, outlines[name], "", size) for k, name in enumerate(wrote)]
+        kinds = {k: kind(objects[name]["label"]) for k, name in enumerate(wrote)}
+        sure = {
+            k: 1.0 if name in renamed else label_confidence(entry.get("from"))
+            for k, (name, entry) in enumerate(wrote.items())
+        }
+        scale = photo_scale(seen, kinds, sure)
+        if scale is not None and scale.confidence >= MIN_SCALE_CONFIDENCE:
+            per_meter = values["world", "pixels_per_meter"] = scale.pixels_per_meter
+    stated = "pixels_per_meter" in written.get("world", {})
+    values |= scaled_values(written, record, per_meter, side) if stated else {}
+    rescaled = stated and record.scale is not None and not equal(record.scale, per_meter)
+    most, entries = WEIGHING.unscaled if is_assumed(per_meter, side) else 1.0, dict(record.objects)
+    for name in wrote if rescaled else renamed:
+        own, entry = objects[name], wrote[name]
+        listed = {"from": written["objects"][name].get("from", entry.get("from")) or {}}
+        new, sources = _table_values(outlines[name], own["label"], per_meter, most)
+        own = {"solid": entry.get("solid"), **own}  # which lies in the assets
+        keys = perceived_keys(listed, registry.find("physics").name) | ({"solid"} - objects[name].keys())
+        new = {
+            key: new[key]
+            for key in keys & entry.keys() & new.keys()
+            if equal(own.get(key), entry[key]) or own.get(key) == new[key]
+        }
+        values |= {("objects", name, key): value for key, value in new.items()}
+        sources = {**entry.get("from", {}), **{key: sources[key] for key in new if key in sources}}
+        id_ = str(own.get("mask"))
+        entries[id_ if id_ in record.objects else name] = {**entry, **new, "from": sources}
+    return values, replace(record, objects=entries)
+
+
+def _table_values(
+    outline: Outline, label: str, per_meter: float, most: float
+) -> tuple[dict[str, Any], dict[str, str]]:
+    """What the material table gives an object, and the sources of that; `most` is the most sure that a mass can be."""
+    what = kind(label)
+    mass, confidence, _ = weigh(outline, what, per_meter)
+    material = {key: getattr(what.material, key) for key in ("friction", "elasticity", "rolling")}
+    solid = {"solid": what.solid or "sphere"} if isinstance(outline, Disc) else {}
+    table, sure = registry.find("physics").name, table_confidences(min(confidence, most))
+    return {"mass": mass, **material, **solid}, {key: provenance(table, one) for key, one in sure.items()}
+
+
+def table_confidences(mass: float) -> dict[str, float]:
+    """By key, from the confidence of a mass."""
+    return {"mass": mass} | dict.fromkeys(("friction", "elasticity", "rolling"), 0.5 * mass + 0.2)
+
+
+def label_confidence(sources: object) -> float:
+    """The confidence that a `from` gives the label, 1 where it gives none."""
+    text = sources.get("label") if isinstance(sources, Mapping) else None
+    found = source(text).sure if isinstance(text, str) else None
+    return 1.0 if found is None else found

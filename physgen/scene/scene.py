@@ -10,11 +10,14 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
-from math import floor
+from math import floor, radians
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+
+from physgen.geometry import polygon
 from physgen.problems import Place
 from physgen.scene.files import Record
 
@@ -145,6 +148,27 @@ class Auto:
 
 
 Shape = Circle | Box | Polygon | Auto
+
+
+def shape_outline(shape: Shape) -> polygon.Outline | None:
+    """The outline of an explicit shape, px of the photo; None where it is that of the mask."""
+    match shape:
+        case Circle(center=center, radius=radius):
+            return polygon.Disc(np.array(center, np.float64), float(radius))
+        case Box(center=center, size=(width, height), angle=angle):
+            corners = np.array([[-width, -height], [width, -height], [width, height], [-width, height]]) / 2
+            return polygon.Region((polygon.Ring(corners @ polygon.rotation(radians(angle)).T + center, ()),))
+        case Polygon(rings=rings):
+            return polygon.Region(
+                tuple(
+                    polygon.Ring(
+                        np.array(r.outline, np.float64), tuple(np.array(h, np.float64) for h in r.holes)
+                    )
+                    for r in rings
+                )
+            )
+        case _:
+            return None
 
 
 @dataclass(frozen=True)

@@ -421,6 +421,7 @@ GUESSES = {
     "pixels_per_meter": "1 px = 1 cm|assumed: |from the ordinary size|as given",
     "view": "side or top: ",
     "table": "friction cannot be seen",
+    "render": "plays ",
 }
 """How comments of perception begin that give the reason of a guess, by key; other comments are the user's."""
 

@@ -11,9 +11,9 @@ import pytest
 
 from physgen import registry
 from physgen.geometry.polygon import Array, Disc, Outline, Region, Ring, bounds
+from physgen.geometry.scale import object_extent, photo_scale, revolve
 from physgen.materials import kind
 from physgen.perceive.roles import PhotoObject
-from physgen.perceive.scale import object_extent, photo_scale, revolve
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from physgen.geometry.polygon import Disc, Outline, Region, Ring
-from physgen.materials import kind
-from physgen.perceive.roles import PhotoObject
-from physgen.perceive.scale import (
+from physgen.geometry.scale import (
     MIN_SCALE_CONFIDENCE,
     Scale,
     assumed_scale,
@@ -17,6 +15,8 @@ from physgen.perceive.scale import (
     push_speed,
     scale_entry,
 )
+from physgen.materials import kind
+from physgen.perceive.roles import PhotoObject
 
 
 def told(*things: tuple[str, Outline], cut: bool = False, sure: float = 1.0) -> Scale | None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from physgen import pipeline
 from physgen.cli.main import main
+from physgen.geometry.scale import playback
 from physgen.maps import read_labels, write_png
 from physgen.materials import kind
 from physgen.scene.scene import BoxPrompt, Circle, Scene
@@ -105,7 +106,8 @@ def test_what_a_person_wrote_stays(scene: Path) -> None:
     assert list(after["objects"]) == ["ball-1", "ball-2"]
     assert len(np.unique(read_labels(scene.with_name("again.assets") / "masks.png"))) == 3
     assert (after["forces"], after["render"]) == (document["forces"], document["render"])
-    assert after["world"] == document["world"]
+    assert {**after["world"], "duration": 0} == {**document["world"], "duration": 0}
+    assert after["world"]["duration"] == playback(300, 640)[0], "perception wrote it, so it follows the scale"
     anew, before = after["objects"]["ball-2"], document["objects"]["ball-2"]
     assert anew["label"] == "ball"
     assert "shape" not in {**anew, **before}, "it lies in the assets"
@@ -156,6 +158,70 @@ def test_a_label_edited_by_hand_brings_its_numbers_and_a_second_refresh_changes_
     again = scene.with_name("again.yaml").rename(scene.with_name("once.yaml"))
     refreshed(again)
     assert yaml.safe_load(scene.with_name("again.yaml").read_text()) == first
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        ("    label: ball", "    label: steel ball"),  # another material
+        ("    label: ball", "    label: billiard ball"),  # of a known size, which gives the scale
+        ("pixels_per_meter: 600", "pixels_per_meter: 300"),
+        ("pixels_per_meter: 600", "pixels_per_meter: 3 px/cm"),
+        ("    mass: ", "    label: steel ball\n    mass: 1"),
+    ],
+)
+def test_a_changed_label_or_scale_counts_at_once_as_after_a_refresh(
+    edit: tuple[str, str], scene: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = scene.read_text()
+    if "steel ball\n" in edit[1]:  # a mass that the user sets, too, stays
+        text = text.replace("    label: ball  # as you named it\n", "", 1).replace("    label: ball\n", "", 1)
+    scene.write_text(text.replace(*edit, 1))
+    assert scene.read_text() != text
+    assert main(["check", str(scene), "--strict"]) == 2
+    assert "perceive --refresh writes them" in capsys.readouterr().err
+    at_once = pipeline.load(scene)
+    after, _ = refreshed(scene)
+    assert main(["check", str(scene.with_name("again.yaml")), "--strict"]) == 0
+    assert at_once.world == after.world
+    assert at_once.render == after.render
+    for one, other in zip(at_once.objects, after.objects, strict=True):
+        assert one.mass == pytest.approx(other.mass, rel=0.01), "outlines have 0.01 px in the file"
+        for key in ("label", "friction", "elasticity", "rolling", "solid", "velocity", "provenance"):
+            assert getattr(one, key) == getattr(other, key), (one.name, key)
+
+
+def test_masses_go_with_the_cube_of_the_scale_and_pushes_keep_their_pace(scene: Path) -> None:
+    scene.write_text(scene.read_text().replace("label: ball", "label: steel ball"))
+    large, small = (pipeline.load(scene, [f"world.pixels_per_meter={n}"]) for n in (300, 1200))
+    for one, other in zip(large.objects, small.objects, strict=True):
+        if isinstance(one.shape.stored, Circle):  # type: ignore[union-attr]
+            radius = one.shape.stored.radius / 3  # type: ignore[union-attr]
+            assert one.mass == pytest.approx(7.85 * 4 / 3 * np.pi * radius**3, rel=0.01)
+            assert one.mass == pytest.approx(64 * other.mass, rel=0.01)
+        assert np.hypot(*other.velocity) == pytest.approx(2 * np.hypot(*one.velocity), rel=0.01)
+    assert large.world.gravity[1] * 4 == pytest.approx(small.world.gravity[1])
+    assert large.world.duration / small.world.duration == pytest.approx(2, rel=0.05)
+    assert any(any(item.velocity) for item in small.objects)
+
+
+def test_numbers_of_the_user_follow_neither_label_nor_scale(scene: Path) -> None:
+    document = yaml.safe_load(scene.read_text())
+    document["world"]["duration"] = 1.5
+    own = {"mass": 77, "friction": 0.11, "elasticity": 0.22, "rolling": 0.03, "velocity": ["1 m/s", 0]}
+    document["objects"]["ball-1"] |= own
+    del document["objects"]["ball-3"]["mass"]
+    scene.write_text(yaml.safe_dump(document))
+    edits = ["objects.*.label=steel ball", "world.pixels_per_meter=250"]
+    for path in (scene, scene.with_name("again.yaml")):
+        changed = pipeline.load(path, edits)
+        assert changed.world.duration == 1.5
+        ball = changed.objects[0]
+        assert {key: getattr(ball, key) for key in own} == {**own, "velocity": (250, 0)}
+        assert changed.objects[2].mass is None
+        assert changed.objects[1].friction == kind("steel ball").material.friction
+        if path == scene:
+            refreshed(scene)  # its record knows the user's numbers still
 
 
 @pytest.mark.slow

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from physgen.geometry.polygon import Disc, Outline, Region, mass_properties
+from physgen.geometry.scale import box_sides
 from physgen.perceive.roles import Label, Labels, Name, PhotoObject, Rgb
-from physgen.perceive.scale import box_sides
 
 
 @dataclass(frozen=True)

@@ -31,8 +31,8 @@ from numpy.typing import NDArray
 from physgen.files import cache_folder, write_atomic
 from physgen.geometry import raster
 from physgen.geometry.polygon import Disc
+from physgen.geometry.scale import box_sides
 from physgen.perceive.roles import Category, Labels, Matter, Name, PhotoObject, Rgb
-from physgen.perceive.scale import box_sides
 from physgen.problems import InputError
 from physgen.registry import Options, Setup, read_options
 from physgen.scene.scene import Solid

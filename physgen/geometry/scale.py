@@ -1,4 +1,4 @@
-"""Depth, volume and true size of objects from their outlines, and the scale of the photo."""
+"""Depth, volume, mass and true size of objects from their outlines, and the scale of the photo."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ import numpy as np
 from physgen.geometry.polygon import Array, Disc, Outline, Region, Ring, bounds, mass_properties
 from physgen.geometry.raster import coverage
 from physgen.materials import Kind
-from physgen.perceive.roles import Matter, PhotoObject
 
 PAPER_SCALE = 100  # px/m: the paper's 1 px = 1 cm, of scene files that name no scale
 MIN_SCALE_CONFIDENCE = 0.5  # from which a scene takes the scale
@@ -42,6 +41,24 @@ class _ScaleLimits:
 
 
 SHAPE, LIMITS = _ShapeLimits(), _ScaleLimits()
+
+
+@dataclass(frozen=True)
+class PhotoObject:
+    """An object of the photo: its id in the label map, its outline, and its label."""
+
+    id: int
+    outline: Outline
+    label: str = ""
+    """`""` until it is named."""
+    cut: bool = False
+    """Whether the photo's border cuts it off."""
+
+
+def photo_object(id_: int, outline: Outline, label: str, size: tuple[int, int]) -> PhotoObject:
+    """An object, and whether the border of a photo of this width and height cuts it off."""
+    x0, y0, x1, y1 = bounds(outline)
+    return PhotoObject(id_, outline, label, min(x0, y0) < 0 or x1 > size[0] - 1 or y1 > size[1] - 1)
 
 
 @dataclass(frozen=True)
@@ -189,6 +206,69 @@ def _mean_depth(outline: Outline, form: str) -> float:
 
 
 @dataclass(frozen=True)
+class WeighingConstants:
+    """Constants of the masses."""
+
+    unscaled: float = 0.3
+    """Confidence of a mass, at most, where the scale is assumed."""
+    standard: float = 0.05
+    """Spread of sizes up to which the kind has one standard mass."""
+    like: float = 0.4
+    """|log| of the size ratio up to which an object may be the typical one."""
+    lightest: float = 1e-3
+    """g."""
+
+
+WEIGHING = WeighingConstants()
+
+
+def weigh(outline: Outline, what: Kind, pixels_per_meter: float) -> tuple[float, float, str]:
+    """Mass in g to three digits, confidence and a sentence."""
+    found = object_extent(outline, what)
+    mass, confidence, reason = _mass(found, what, pixels_per_meter)
+    return float(f"{max(mass, WEIGHING.lightest):.3g}"), confidence, reason
+
+
+def _mass(found: Extent, what: Kind, pixels_per_meter: float) -> tuple[float, float, str]:
+    volume = found.volume / pixels_per_meter**3 * 1e6
+    what = what.hollowed(10 * (6 * volume / pi) ** (1 / 3))
+    weighed = volume * what.density
+    estimate = f"{float(f'{volume:.3g}'):,g} cm³ of {_stuff(what)}"
+    if what.mass is None:
+        return weighed, 0.4 if what.noun else 0.35 if what.material.name != "unknown" else 0.15, estimate
+    source = what.source.replace("EST: ", "").replace("EST", "estimated")
+    ordinary = f"an ordinary {what.noun} ({source})"
+    off = 0.0 if found.per_mm is None else log(found.per_mm * 1000 / pixels_per_meter)
+    if abs(off) < WEIGHING.like and what.spread <= WEIGHING.standard:
+        return what.mass, 0.8, ordinary
+    if abs(off) < WEIGHING.like:
+        return (
+            sqrt(weighed * what.mass),
+            0.6,
+            f"between {estimate}, and an ordinary {what.noun}, {what.mass:g} g",
+        )
+    return weighed, 0.4, f"{estimate}; an ordinary {what.noun} has another size"
+
+
+def _stuff(what: Kind) -> str:
+    """The material, in words.
+
+    >>> from physgen.materials import kind
+    >>> _stuff(kind("steel ball")), _stuff(kind("beer bottle"))
+    ('steel, 7.85 g/cm³', 'glass and content, 1.19 g/cm³')
+    """
+    name, solid = what.material.name, what.material.density
+    name = "an unknown material" if name == "unknown" else name
+    if what.holds:
+        return f"{name} and content, {what.density:.3g} g/cm³"
+    if abs(what.filled - 1) < 0.01:
+        return f"{name}, {solid:g} g/cm³"
+    if what.filled > 1:
+        return f"{name}, {what.density:.3g} g/cm³ in all"
+    return f"{name}, {solid:g} g/cm³ and {100 * what.filled:.2g} % of the volume"
+
+
+@dataclass(frozen=True)
 class Scale:
     """The scale of a photo."""
 
@@ -230,30 +310,6 @@ def photo_scale(
     confidence = 0.95 * exp(-((spread / LIMITS.vague) ** 2))
     value = float(f"{exp(middle) * 1000:.{3 if spread < 0.05 else 2}g}")
     return Scale(value, round(confidence, 2), _reason(seen, kinds, spread))
-
-
-def judged_scale(objects: Sequence[PhotoObject], matter: Mapping[int, Matter], source: str) -> Scale | None:
-    """The photo's scale by the judged size of each object (`Matter.size`), None where none was judged.
-
-    The median counts; the unweighted disagreement of the judgements gives the confidence.
-    """
-    found = [
-        (box_sides(item.outline)[0] / size, matter[item.id].confidence)
-        for item in objects
-        if not item.cut and (size := matter[item.id].size)
-    ]
-    if not found:
-        return None
-    logs = np.log([per_meter for per_meter, _ in found])
-    middle = float(np.median(logs))
-    spread = 1.5 * LIMITS.judged
-    if len(logs) > 1:
-        spread = max(float(np.median(np.abs(logs - middle))) * 1.48, LIMITS.judged)
-    sure = float(np.median([confidence for _, confidence in found])) ** 0.5
-    count = f"{len(found)} objects" if len(found) > 1 else "one object"
-    reason = f"{source} judged the size of {count}, which agree to about {100 * spread:.0f} %"
-    confidence = round(0.95 * sure * exp(-((spread / LIMITS.vague) ** 2)), 2)
-    return Scale(float(f"{exp(middle):.2g}"), confidence, reason)
 
 
 @dataclass(frozen=True)
