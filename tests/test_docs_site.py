@@ -45,6 +45,11 @@ def test_the_site_is_whole_on_a_desk_and_a_phone(
                 page.goto(f"{base}{source.stem}.html")
                 if page.evaluate("document.documentElement.scrollWidth > innerWidth"):
                     complaints.append(f"{source.name} is wider than {size['width']} px")
+                hidden = page.evaluate(
+                    "[...document.querySelectorAll('pre code')].filter(e => e.scrollWidth > e.clientWidth)"
+                    ".map(e => e.textContent)"
+                )
+                complaints.extend(f"{source.name}: {text[:60]} is cut off" for text in hidden)
             page.close()
         for look, how in LOOKS.items():
             page = browser.new_page(**how)

@@ -83,7 +83,9 @@ export function start(editor) {
   function fit() {
     const [w, h] = size(),
       box = stage.getBoundingClientRect();
-    const high = box.height - TOP - MARGIN;
+    const tools = document.querySelector(".zoom"),
+      below = tools.offsetTop > box.height / 2 ? box.height - tools.offsetTop : 0; // a phone has them there
+    const high = box.height - TOP - Math.max(MARGIN, below + 8);
     view.scale = Math.max(0.05, Math.min((box.width - 2 * MARGIN) / w, high / h));
     view.x = (box.width - w * view.scale) / 2;
     view.y = TOP + (high - h * view.scale) / 2;

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from browser import LOOKS
 from desk import Desk, seated
 
 from physgen.cli.main import main
@@ -158,16 +159,30 @@ def test_each_drag_is_one_step_back_and_an_arrow_can_be_changed_by_its_tip(
         assert desk.state["scene"]["objects"]["ball"]["velocity"] == first
 
 
-@pytest.mark.parametrize("width", [1280, 390])
-def test_first_steps_and_messages_cover_no_object(
-    browser: Any, serving: Callable[..., Any], scene: Path, width: int
+@pytest.mark.parametrize("look", LOOKS)
+def test_nothing_lies_over_the_photo(
+    browser: Any, serving: Callable[..., Any], scene: Path, look: str
 ) -> None:
-    with seated(browser, serving(scene).address) as desk:
-        desk.page.set_viewport_size({"width": width, "height": 844})
-        desk.page.evaluate("() => { window.editor.showHint(); window.editor.say('Nothing', 'error'); }")
+    """Neither first steps, messages and warnings nor the controls, so that no object is covered."""
+    with seated(browser, serving(scene).address, hint=True, **LOOKS[look]) as desk:
+        desk.page.evaluate(
+            "() => { window.editor.say('Nothing', 'error'); document.querySelector('.stale').hidden = false; }"
+        )
         desk.drawn()
-        stage = desk.page.locator("[data-part=stage]").bounding_box()
-        for part in ("hint", "alarm"):
-            box = desk.page.locator(f"[data-part={part}]").bounding_box()
-            assert box["height"] > 0
-            assert box["y"] >= stage["y"] + stage["height"], part
+        photo = desk.page.locator("[data-part=scene]").bounding_box()
+        seen = []
+        for part in (".hint", ".alarm", ".stale", ".zoom", ".light", ".strip"):
+            for box in filter(None, (one.bounding_box() for one in desk.page.locator(part).all())):
+                seen.append(part)
+                apart = [
+                    box[at] + box[size] <= photo[at] or photo[at] + photo[size] <= box[at]
+                    for at, size in (("x", "width"), ("y", "height"))
+                ]
+                assert any(apart), f"{part} lies over the photo"
+        assert {".hint", ".alarm", ".stale", ".zoom", ".strip"} <= set(seen)
+        names = desk.page.evaluate(
+            "() => [...document.querySelectorAll('button, summary, select, input')].filter(e => e.offsetParent)"
+            ".filter(e => !e.innerText?.trim() && !e.title && !e.labels?.length && !e.getAttribute('aria-label'))"
+            ".map(e => e.outerHTML)"
+        )
+        assert names == [], "controls without a name"
