@@ -92,7 +92,9 @@ class Job:
     def mark(self) -> str:
         """Identifies all options of the clip, the refining model, and the code."""
         draw_seed = self.options.draw_seed if self.options.draws else 0
-        options = replace(self.options, command=(), cached=True, allow_outside=False, draw_seed=draw_seed)
+        options = replace(
+            self.options, command=(), models=(), cached=True, allow_outside=False, draw_seed=draw_seed
+        )
         return self.options.mark or clip_mark(options, self.refiner.identity())
 
 

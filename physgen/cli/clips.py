@@ -104,10 +104,12 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
     if options.export:
         check_formats(options.export, "--export")
     refiner, overrides = _refining(options)
+    models = {"refine": options.refine, "config": options.config}
     common = RenderOptions(
         allow_outside=options.allow_outside,
         formats=tuple(Format(name) for name in options.format),
         command=tuple(options.command_line),
+        models=tuple(f"--{flag}={value}" for flag, value in models.items() if value is not None),
         draws=options.fan,
         draw_seed=options.fan_seed,
         cached=options.cache,
@@ -234,6 +236,7 @@ def make_all(
     if gallery and count <= GALLERY_CLIPS:
         jobs = (replace(job, pictures=True) for job in jobs)
     tally, bar = Tally(), Bar()
+    _announce(bar, 1, count)
     with cleaned_up(out), closing(_made(jobs, count, options, bar)) as done_ones:
         for done in done_ones:
             bar.clear()
@@ -246,9 +249,9 @@ def make_all(
             record_failure(done, out, gallery)
             on_done(done)
             _print_done(done, options.json)
-            if count > 1 and not bar.as_json:
-                bar.show("clips", tally.counts.total(), count)
+            _announce(bar, tally.counts.total() + 1, count)
     bar.clear()
+    bar.prefix = ""
     files = finish()
     older = not index.exists() or index.stat().st_mtime < tally.newest  # an interrupted run wrote none
     is_new = tally.counts["made"] or tally.counts["failed"] or older
@@ -256,6 +259,13 @@ def make_all(
         _write_gallery(index, bar, tally)
     shown = index if count > 1 and index.exists() else None
     return _sum_up(tally, count, shown, files, options)
+
+
+def _announce(bar: Bar, number: int, count: int) -> None:
+    """Show which of several clips is made."""
+    if 1 < count >= number:
+        bar.prefix = f"clip {number:,} of {count:,}: "
+        bar.write(bar.prefix)
 
 
 def _made(
@@ -269,8 +279,7 @@ def _made(
         return run_on_cluster(options.cluster, jobs, print_error)
     from physgen.batch.run import run_all
 
-    show = bar.show if count == 1 or bar.as_json else lambda stage, done, total: None
-    return run_all(jobs, workers, lambda job: show)
+    return run_all(jobs, workers, lambda job: bar.show)
 
 
 def _print_done(done: Done, as_json: bool) -> None:

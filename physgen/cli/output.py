@@ -66,13 +66,15 @@ class Bar:
         self._live = sys.stderr.isatty() and not self.as_json
         self._width = 0
         self._last = "", 0.0
+        self.prefix = ""
+        """Before each text."""
 
     def show(self, stage: str, done: int, total: int) -> None:
         """Draw the line again."""
         if self.as_json:
             self._print_json(stage, done, total)
         else:
-            self.write(f"{stage} {done}/{total}" if total > 1 else stage)
+            self.write(self.prefix + (f"{stage} {done}/{total}" if total > 1 else stage))
 
     def write(self, text: str) -> None:
         """Put a text in the line."""

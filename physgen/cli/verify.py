@@ -44,7 +44,7 @@ def verify(options: argparse.Namespace) -> int:
         print(json.dumps({"clips": len(requests), **outcomes, "passed": code == OK}))
     elif many:
         parts = [f"{counts[outcome]} {outcome.value}" for outcome in Outcome if counts[outcome]]
-        print_error(f"{len(requests)} clips: {', '.join(parts)}")
+        print_error(f"{len(requests):,} clips: {', '.join(parts)}")
     return code
 
 

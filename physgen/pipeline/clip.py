@@ -70,6 +70,8 @@ class RenderOptions:
     """Whether the page embeds the video, to be sent alone."""
     export: tuple[str, ...] = ()
     """Formats of ground truth: written to `truth/`, or to the clip's folder where there is no video."""
+    models: tuple[str, ...] = ()
+    """Flags of the command line that choose the model that refines: `--refine=NAME:WEIGHTS`, `--config=FILE`."""
     mark: str = ""
     """Identifies all options and the code in the manifest."""
 
@@ -77,10 +79,13 @@ class RenderOptions:
 def command_alone(path: str | Path, options: RenderOptions) -> list[str]:
     """The command that makes this clip and no other."""
     formats = ",".join(one.value for one in options.formats)
+    chosen = any(flag.startswith("--refine=") for flag in options.models)
+    edits = [edit for edit in options.overrides if not (chosen and edit.startswith("refine.backend="))]
     return [
         *("physgen", "render", str(path)),
         *([] if options.variant is None else ["--variant", options.variant]),
-        *(part for edit in options.overrides for part in ("--set", edit)),
+        *(part for edit in edits for part in ("--set", edit)),
+        *options.models,
         *([] if formats in ("", "mp4") else [f"--format={formats}"]),
         *([f"--fan={options.draws}", f"--fan-seed={options.draw_seed}"] if options.draws else []),
         *([f"--export={','.join(options.export)}"] if options.export else []),

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from physgen.geometry.scale import push_speed
 from physgen.problems import InputError
+from physgen.scene.provenance import meters
 from physgen.scene.scene import Motion, Object, Scene, View
 from physgen.text import listed, nearest, quantity
 
@@ -190,7 +191,10 @@ def motion_edits(
         way, speed = _direction_and_speed(scene, "--push", rest)
         x, y = _direction("--push", way)
         edits |= _let_go(item)
-        edits[f"objects.{item.name}.velocity"] = [round(speed * x, 1) + 0.0, round(speed * y, 1) + 0.0]
+        per_meter = scene.world.pixels_per_meter
+        parts = [speed * part for part in (x, y)]
+        kept = [meters(part / per_meter) if _metric(rest) else round(part, 1) + 0.0 for part in parts]
+        edits[f"objects.{item.name}.velocity"] = kept
     for name in drops:
         item = _named(scene, "--drop", name.strip())
         if scene.world.view is View.TOP:
@@ -231,6 +235,12 @@ def _direction_and_speed(scene: Scene, flag: str, text: str) -> tuple[str, float
         return way, finite(rest if in_units is None else repr(in_units))
     except ValueError:
         raise InputError.of(flag, f'"{rest}"', "is no speed", "write e.g. @2 m/s or @300 px/s") from None
+
+
+def _metric(text: str) -> bool:
+    """Whether the speed after @ is in cm/s, m/s or the like: the user thinks in these units."""
+    speed = text.partition("@")[2]
+    return "px" not in speed and quantity(speed, "m/s", 1.0) is not None
 
 
 def finite(text: str) -> float:
@@ -274,10 +284,13 @@ def _lifted(scene: Scene, compiled: Compiled, item: Object) -> list[float]:
 def _kick(scene: Scene, compiled: Compiled, text: str) -> tuple[Object, dict[str, Any]]:
     """The object at a point, or the nearest, and an impulse there: away from the point, level seen from the side."""
     where, speed = _direction_and_speed(scene, "--kick", text)
+    per_meter, ends = scene.world.pixels_per_meter, where.split(",")
+    in_units = [quantity(part, "px", per_meter) for part in ends]
     try:
-        x, y = (finite(part) for part in where.split(","))
+        x, y = (finite(part if px is None else repr(px)) for part, px in zip(ends, in_units, strict=True))
     except ValueError:
-        raise InputError.of("--kick", f'"{where}"', "is not two numbers", "write e.g. 120,80") from None
+        fix = "write e.g. 120,80 or 6 cm,4 cm"
+        raise InputError.of("--kick", f'"{where}"', "is not two lengths", fix) from None
     if not scene.objects:
         raise InputError.of("--kick", f'"{where}"', "meets no object: the scene has none", "leave it out")
     at = np.array([x, y])
@@ -293,5 +306,8 @@ def _kick(scene: Scene, compiled: Compiled, text: str) -> tuple[Object, dict[str
     if scene.world.view is View.SIDE or hypot(*way) < 1:
         way = np.array([1.0 if way[0] >= 0 else -1.0, 0.0])
     way = way / hypot(*way)
-    impulse = [float(f"{body.mass * speed * part:.4g}") + 0.0 for part in way]
-    return scene.objects[k], {"object": body.name, "impulse": impulse, "at": [x, y]}
+    impulse: list[Any] = [float(f"{body.mass * speed * part:.4g}") + 0.0 for part in way]
+    if _metric(text):
+        impulse = [f"{part / per_meter:.4g} g m/s" if part else 0 for part in impulse]
+    kept = [end if px is None else part.strip() for end, px, part in zip((x, y), in_units, ends, strict=True)]
+    return scene.objects[k], {"object": body.name, "impulse": impulse, "at": kept}

@@ -189,7 +189,7 @@ def scaled_values(
 
 def meters(speed: float) -> Any:
     """A speed in m/s as perception writes it."""
-    return f"{float(f'{speed:.3g}'):g} m/s" if speed else 0
+    return f"{float(f'{speed:.3g}'):g} m/s" if abs(speed) > 1e-9 else 0
 
 
 def followed(

@@ -13,6 +13,7 @@ from physgen.cli.main import main
 from physgen.compile.shapes import shapes_of
 from physgen.pipeline.pushes import default_push, motion_edits
 from physgen.problems import InputError
+from physgen.text import quantity
 
 ROW = (
     "physgen: 1\nsize: [400, 200]\nworld: {pixels_per_meter: 800, duration: 1}\n"
@@ -63,7 +64,7 @@ def test_a_ball_with_a_run_up_breaks_the_others(tmp_path: Path) -> None:
 def test_shorthands_are_edits(row: Path) -> None:
     scene = pipeline.load(row)
     compiled = pipeline.compile(scene, None)
-    edits = motion_edits(scene, compiled, ["domino-1=30@2 m/s"], ["domino-2"], ["104,95@50 px/s"])
+    edits = motion_edits(scene, compiled, ["domino-1=30@1600"], ["domino-2"], ["104,95@50 px/s"])
     speed = 2 * 800
     assert edits["objects.domino-1.velocity"] == pytest.approx(
         [speed * cos(radians(30)), speed * sin(radians(30))], abs=0.1
@@ -71,6 +72,13 @@ def test_shorthands_are_edits(row: Path) -> None:
     assert edits["objects.domino-2.place"] == [144, 60]  # by its own height
     (kick,) = edits["forces"]
     assert kick == {"object": "domino-0", "impulse": [-50.0 * 8 * 60, 0.0], "at": [104, 95]}
+    edits = motion_edits(scene, compiled, ["domino-1=right@2 m/s"], [], ["13 cm,95@6.25 cm/s"])
+    assert edits["objects.domino-1.velocity"] == ["2 m/s", 0], "in the user's units"
+    (metric,) = edits["forces"]
+    assert metric["at"] == ["13 cm", 95]
+    assert [quantity(metric["impulse"][0], "g·px/s", 800), 0] == pytest.approx(kick["impulse"])
+    with pytest.raises(InputError, match="6 cm,4 cm"):
+        motion_edits(scene, compiled, [], [], ["13 kg,95"])
     for pushes, word in ((["domino-1=sideways"], "direction"), (["dominoe-1=left"], "did you mean domino-1")):
         with pytest.raises(InputError, match=word):
             motion_edits(scene, compiled, pushes, [], [])

@@ -56,4 +56,10 @@ def test_the_command_is_of_this_clip_alone() -> None:
     assert found["command"] == (
         "physgen render b.yaml --variant fast --set world.duration=1 --fan=8 --fan-seed=0"
     )
+    options = RenderOptions(
+        overrides=("refine.backend=wan", "a=1"), models=("--refine=wan:/weights", "--config=my.toml")
+    )
+    assert command_alone("b.yaml", options) == [
+        *("physgen", "render", "b.yaml", "--set", "a=1", "--refine=wan:/weights", "--config=my.toml")
+    ]
     assert found["run"] == "physgen render a.yaml b.yaml --variant all --jobs 8"
