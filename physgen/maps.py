@@ -197,7 +197,7 @@ def write_assets(
 def write_png(path: Path, picture: U8 | U16, keep: Keep = ignore_kept_file) -> None:
     """Writes (H, W) or (H, W, 3) RGB, 8 or 16 bits, atomically; an existing file that differs is kept as `NAME~`."""
     bgr = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
-    done, data = cv2.imencode(".png", np.ascontiguousarray(bgr), [cv2.IMWRITE_PNG_COMPRESSION, 3])
+    done, data = cv2.imencode(".png", np.ascontiguousarray(bgr), [cv2.IMWRITE_PNG_COMPRESSION, 1])
     if not done:
         kind = f"a picture of shape {picture.shape} and type {picture.dtype}"
         raise ValueError(f"{path.name}: {kind} cannot be a PNG")

@@ -9,6 +9,7 @@ Each stage is a role that a backend fills (`physgen.perceive.roles`, `physgen.re
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from math import exp
@@ -35,6 +36,7 @@ from physgen.materials import kind
 from physgen.perceive import document
 from physgen.perceive.inpaint.poisson import fill_behind
 from physgen.perceive.roles import (
+    F32,
     SMALLEST_OBJECT,
     BoundaryGuess,
     Detections,
@@ -107,32 +109,26 @@ def perceive(
     if found.source != "given":
         new = [item for item in objects if item.id not in found.mask_sources]
         found = replace(found, labels=_rounded(found.labels, new))
+    beside = ThreadPoolExecutor(1)  # the fill needs the masks alone, and as long as all that does not need it
+    filling = beside.submit(run.fill, found.labels) if run.core("matte", "inpaint") else None
     names = run.name(found, objects, renames)
     matter, scale = run.weigh(names, pixels_per_meter)
     boundaries, depth, normals = run.find_boundaries(found, names.objects, view, scenery)
     objects = [replace(t, outline=boundaries.outlines.get(t.id, t.outline)) for t in names.objects]
-    if (
-        normals is None or run.crew.row("normals").extra is None
-    ):  # the core's normals depend on the boundaries
+    if normals is None or run.core("normals"):  # the core's normals depend on the boundaries
         normals = run.role("normals", rgb, found.labels, objects, boundaries)
     run.crew.release("normals")
     intrinsics: Intrinsics = run.role("intrinsic", rgb, found.labels, normals)
     light: LightGuess = run.role("light", rgb, found.labels, objects, normals, intrinsics)
-    coverage = run.role("matte", rgb, found.labels)
-    background = fill_behind(rgb, coverage > 0, partial(run.role, "inpaint"))
+    progress("inpaint", ROLES.index("inpaint"), len(ROLES))
+    coverage, background = filling.result() if filling else run.fill(found.labels)
     shadows: Shadows = run.role(
         "shadow", background, coverage, found.labels, objects, matter, boundaries, light
     )
-    clean = shadows.clean
-    if clean is not None and not shadows.faint:
-        clean = refill_background(clean, background, coverage, partial(run.crew.call, "inpaint"))
-    run.crew.release("inpaint")
+    again = partial(refill_background, inpaint=partial(run.crew.call, "inpaint"))
+    refilled = shadows.clean is not None and not shadows.faint
+    cleaning = beside.submit(again, shadows.clean, background, coverage) if refilled else None
     labels, doubtful = document.with_doubtful(found.labels, found.doubtful)
-    percepts = Percepts(
-        rgb=rgb, labels=labels, coverage=coverage, background=background, clean=clean, shadows=shadows.owners,
-        depth=depth, normals=normals, albedo=intrinsics.albedo, shading=intrinsics.shading,
-    )  # fmt: skip
-
     kept = {i: name for i, name in names.before.items() if i not in names.renamed}
     called = document.object_names(objects, kept)
     entries, comments = document.object_entries(
@@ -160,6 +156,12 @@ def perceive(
     unknown = (document.unknown_label(t.label) for t in objects if t.id in names.renamed)
     warnings = tuple(dict.fromkeys(problem for problem in unknown if problem))
     suits = judge_suitability(rgb, found, objects, names.labels, boundaries)
+    clean = cleaning.result() if cleaning else shadows.clean
+    run.crew.release("inpaint")
+    percepts = Percepts(
+        rgb=rgb, labels=labels, coverage=coverage, background=background, clean=clean, shadows=shadows.owners,
+        depth=depth, normals=normals, albedo=intrinsics.albedo, shading=intrinsics.shading,
+    )  # fmt: skip
     return run.signed(PerceivedScene(percepts, scene, comments, warnings, suitability=suits))
 
 
@@ -178,6 +180,16 @@ class _Run:
         if name not in KEPT:
             self.crew.release(name)
         return result
+
+    def core(self, *roles: str) -> bool:
+        """Whether no role is filled by a model of the extras, which may want all memory for itself."""
+        return all(self.crew.row(role).extra is None for role in roles)
+
+    def fill(self, labels: Labels) -> tuple[F32, Rgb]:
+        """Coverage of the objects (H, W), and the photo with what lies behind them filled."""
+        coverage: F32 = self.crew.call("matte", self.rgb, labels)
+        self.crew.release("matte")
+        return coverage, fill_behind(self.rgb, coverage > 0, partial(self.crew.call, "inpaint"))
 
     def detect(self, nouns: Sequence[str]) -> tuple[Detections, Scenery | None]:
         """Segments the photo."""
@@ -246,6 +258,9 @@ class _Run:
 
     def signed(self, made: PerceivedScene) -> PerceivedScene:
         """With the record of the backends, where models took part."""
+        self.crew.steps.sort(
+            key=lambda step: ROLES.index(step.role)
+        )  # one of them may have run beside the others
         return made if self.crew.all_default() else replace(made, record=self.crew.record())
 
 

@@ -60,7 +60,6 @@ def test_a_photo_becomes_a_valid_scene(seen: PerceivedScene, tmp_path: Path):
         "normals",
         "intrinsic",
         "light",
-        "matte",
         "inpaint",
         "shadow",
     ]

@@ -59,6 +59,9 @@ class _RailLimits:
     apart: int = 3  # px from an edge, on both sides, where colours are compared
     askew: float = 0.04  # slope up to which a rail is along the photo's side
     slopes: int = 17  # tried
+    columns: int = (
+        256  # of the photo's width, in which colours are compared: evenly spread, they tell as much as all
+    )
     alike: float = 0.9  # of the sharpest edge, from which the most level one is taken
     shade: float = 0.015  # of the photo's longer side: width of the shadow that a rail casts on its table
 
@@ -300,7 +303,7 @@ def find_cushions(photo: Photo, objects: Sequence[PhotoObject]) -> list[Wall]:
 def _rail(lab: F32, free: float) -> tuple[float, float] | None:
     """Slope, and height at x = 0, of the lowest straight edge along the photo's top above row `free`; None: no edge."""
     height, width = lab.shape[:2]
-    across = np.arange(width // 5, width - width // 5)
+    across = np.arange(width // 5, width - width // 5, max(1, width // RAIL.columns))
     apart = RAIL.apart
     rows = np.arange(2 * apart, int(min(free, height / 2)) - apart)
     if len(rows) < 3:
