@@ -179,7 +179,8 @@ def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
     coverage, background = filled(maps, compiled.labels, compiled.scenery)
     absent = (maps.cut_out > 0) & (compiled.labels == 0) & ~compiled.scenery
     with single_threaded():
-        sprites = cut_sprites(maps.rgb, compiled.labels, absent, coverage, background, order)
+        shapes = compiled.shapes.outlines
+        sprites = cut_sprites(maps.rgb, compiled.labels, absent, coverage, background, order, shapes)
         made = lit_stage(scene, world, sprites, maps, background, coverage, absent)
     return replace(made, supersample=fine, starts=begin)
 

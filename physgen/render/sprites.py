@@ -7,7 +7,7 @@ the object that is on top there, and fades as the object leaves its place. Relie
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import cos, sin
@@ -16,6 +16,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.geometry.polygon import Outline, Region
+from physgen.geometry.raster import coverage_box
+from physgen.perceive.inpaint.poisson import harmonic_fill
 from physgen.photometry import DistantLight, decode
 from physgen.render.ball import F32, Ball
 
@@ -69,6 +72,18 @@ class SpriteTuning:
     """Of the photo's longer side: how far around an object its blurred rim may reach."""
     unseen: float = 1e-4
     """Of linear light: less is no difference from the photo."""
+    hidden: float = 0.003
+    """Of an object's shape, from which on a hidden part is completed."""
+    seen: float = 0.2
+    """Of an object's mask that must lie apart from others, for their rims to be left out of what is continued."""
+    beside: float = 0.35
+    """Of an object's size (root of its mask's area): how far what the lens sees of it may lie beside its shape."""
+    missed: float = 0.3
+    """Of a ball's radius: how near others its mask may miss pixels that its circle has."""
+    texture: float = 3.0
+    """px: what is finer is texture, what is coarser is shading."""
+    dark: float = 0.003
+    """Of linear light, below which levels are alike."""
     sides: int = 12
     """Of the shape that stands for a sprite where only its reach matters."""
 
@@ -206,15 +221,26 @@ class Sprite:
 
 
 def cut_sprites(
-    rgb: U8, labels: U16, absent: NDArray[np.bool_], coverage: F32, background: U8, order: Sequence[int]
+    rgb: U8,
+    labels: U16,
+    absent: NDArray[np.bool_],
+    coverage: F32,
+    background: U8,
+    order: Sequence[int],
+    shapes: Sequence[Outline] = (),
 ) -> list[Sprite]:
-    """Sprites in drawing order, the farthest first.
+    """Sprites in drawing order, the farthest first; what others hide of their `shapes`, one a body, is completed.
 
     `rgb`, `background` (H, W, 3) sRGB; `labels` (H, W), id k + 1 is body k; `absent` (H, W): objects of the photo that
     the scene leaves out, which vanish; `coverage` (H, W) of all objects together, absent ones too.
     """
     photo, behind = decode(rgb), decode(background)
     boxes = _boxes(labels)
+    hidden = {k: part for k, shape in enumerate(shapes) if (part := _hidden(labels, absent, k, shape))}
+    order = _hiding_last(order, labels, hidden)
+    for k, part in hidden.items():
+        (rows, columns), (x0, y0, x1, y1) = part.box, boxes[k + 1]
+        boxes[k + 1] = min(x0, columns.start), min(y0, rows.start), max(x1, columns.stop), max(y1, rows.stop)
     total = _soft((labels > 0) | absent)
     around = ((MARGIN, MARGIN), (MARGIN, MARGIN))
     sprites = []
@@ -228,6 +254,8 @@ def cut_sprites(
         alpha = np.where(soft > CUT.least, coverage[box] * share, 0.0).astype(np.float32)
         alpha[(labels[box] == k + 1) & (alpha > 0.995)] = 1.0
         light = _foreground(photo[box], behind[box], labels[box] == k + 1, alpha, share)
+        if k in hidden:
+            light, alpha = _completed(photo[box], labels[box] == k + 1, light, alpha, hidden[k].within(box))
         sprites.append(
             Sprite(
                 body=k,
@@ -237,6 +265,123 @@ def cut_sprites(
             )
         )
     return anchored(sprites, photo, behind, absent)
+
+
+@dataclass(frozen=True)
+class _Hidden:
+    """A part of an object's shape that others hide in the photo."""
+
+    box: tuple[slice, slice]
+    """Rows and columns of the shape in the photo."""
+    shape: F32
+    """(h, w) coverage."""
+    hole: NDArray[np.bool_]
+    """(h, w): hidden pixels."""
+    by: NDArray[np.bool_]
+    """(h, w): pixels of what hides it, or any other object."""
+
+    def within(self, box: tuple[slice, slice]) -> tuple[F32, NDArray[np.bool_], NDArray[np.bool_]]:
+        """`shape`, `hole` and `by` on a larger box."""
+        (top, left), (rows, columns) = ((part.start for part in box), self.box)
+        sides = (
+            (rows.start - top, box[0].stop - rows.stop),
+            (columns.start - left, box[1].stop - columns.stop),
+        )
+        return np.pad(self.shape, sides), np.pad(self.hole, sides), np.pad(self.by, sides)
+
+
+def _hidden(labels: U16, absent: NDArray[np.bool_], k: int, shape: Outline) -> _Hidden | None:
+    """What other objects hide of body k's shape; slivers along shared borders are none."""
+    height, width = labels.shape
+    flat, (x0, y0) = coverage_box(shape, (0, 0, width, height))
+    rows, columns = (np.flatnonzero((labels == k + 1).any(axis=axis)) for axis in (1, 0))
+    if not len(rows) or not flat.size:
+        return None
+    top, left = min(y0, int(rows[0])), min(x0, int(columns[0]))
+    bottom, right = max(y0 + flat.shape[0], int(rows[-1]) + 1), max(x0 + flat.shape[1], int(columns[-1]) + 1)
+    box = np.s_[top:bottom, left:right]
+    mine = labels[box] == k + 1
+    by = ((labels[box] > 0) & ~mine) | absent[box]
+    sides = (y0 - top, bottom - y0 - flat.shape[0]), (x0 - left, right - x0 - flat.shape[1])
+    cover = np.pad(flat, sides)
+    # a rim or a face that the lens sees beside the shape goes on behind what stands before its middle
+    reach = CUT.beside * np.count_nonzero(mine) ** 0.5
+    near = cv2.distanceTransform((cover < 0.5).astype(np.uint8), cv2.DIST_L2, 3) <= reach
+    cover = np.maximum(cover, (near & by & _between(mine, by)).astype(np.float32))
+    beyond = CUT.clean if isinstance(shape, Region) else max(CUT.clean, round(CUT.missed * shape.radius))
+    hole = ((cover >= 0.5) & ~mine & (_grown(by, beyond) > 0)).astype(np.uint8)
+    core = cv2.morphologyEx(hole, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    if not core.any() or core.sum() < CUT.hidden * cover.sum():
+        return None
+    return _Hidden(box, cover, (_grown(core, 1) & hole) > 0, by)
+
+
+def _between(mine: NDArray[np.bool_], by: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(h, w): pixels of rows with an object's own on both sides, and nothing but others in between."""
+    x = np.arange(1, mine.shape[1] + 1)
+    found = np.ones(mine.shape, bool)
+    for step in (1, -1):
+        own, open_ = (
+            np.maximum.accumulate(np.where(part[:, ::step], x, 0), axis=1)[:, ::step]
+            for part in (mine, ~mine & ~by)
+        )
+        found &= own > open_
+    return found
+
+
+def _grown(mask: NDArray[np.generic], by: int) -> U8:
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((2 * by + 1, 2 * by + 1), np.uint8)))
+
+
+def _hiding_last(order: Sequence[int], labels: U16, hidden: Mapping[int, _Hidden]) -> list[int]:
+    """The drawing order, changed so that what hides another object is drawn after it."""
+    before: dict[int, set[int]] = {k: set() for k in order}
+    for k, part in hidden.items():
+        ids, counts = np.unique(labels[part.box][part.hole], return_counts=True)
+        for id_, count in zip(ids.tolist(), counts.tolist(), strict=True):
+            if id_ and count > CUT.clean**2 and id_ - 1 not in before[k]:
+                before[id_ - 1].add(k)
+    left, found = list(order), []
+    while left:
+        free = next((k for k in left if before[k].isdisjoint(left)), left[0])
+        left.remove(free)
+        found.append(free)
+    return found
+
+
+def _completed(
+    photo: F32,
+    mask: NDArray[np.bool_],
+    light: F32,
+    alpha: F32,
+    part: tuple[F32, NDArray[np.bool_], NDArray[np.bool_]],
+) -> tuple[F32, F32]:
+    """Light (h, w, 3) and coverage (h, w) with the hidden part: shading goes on smoothly, texture is mirrored."""
+    shape, hole, by = part
+    sure = mask & (_grown(by, CUT.clean + 1) == 0)
+    if np.count_nonzero(sure) < CUT.seen * np.count_nonzero(mask):
+        sure = mask
+    level = np.log(photo + np.float32(CUT.dark))
+    smooth = harmonic_fill(level, ~sure)
+    weight = sure.astype(np.float32)
+    even = cv2.GaussianBlur(weight, (0, 0), CUT.texture)
+    even = (
+        cv2.GaussianBlur(level * weight[..., None], (0, 0), CUT.texture) / np.maximum(even, 1e-3)[..., None]
+    )
+    seeds = cv2.distanceTransformWithLabels(
+        (~sure).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )[1]
+    places = np.zeros((int(seeds.max()) + 1, 2), np.int64)
+    places[seeds[sure]] = np.argwhere(sure)
+    here = np.moveaxis(np.indices(mask.shape), 0, -1)
+    mirrored = np.clip(2 * places[seeds] - here, 0, np.array(mask.shape) - 1)
+    y, x = mirrored[..., 0], mirrored[..., 1]
+    smooth = smooth + (np.where(sure[..., None], level - even, 0)[y, x]).astype(np.float32)
+    filled = np.maximum(np.exp(smooth) - np.float32(CUT.dark), 0)
+    zone = _grown(hole, CUT.clean + 1) > 0
+    cover = np.where(zone, np.maximum(alpha, shape), alpha).astype(np.float32)
+    anew = (zone & ~sure)[..., None]
+    return np.asarray(np.where(anew, filled * cover[..., None], light), np.float32), cover
 
 
 def anchored(
