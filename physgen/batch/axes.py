@@ -7,14 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from physgen.batch.values import (
-    EXAMPLES,
-    Distribution,
-    Value,
-    ValueTextError,
-    read_distribution,
-    read_values,
-)
+from physgen.batch.values import EXAMPLES, Distribution, Value, ValueTextError, read_distribution, read_values
 from physgen.problems import InputError, Place, Problem
 from physgen.scene.overlay import parse_key
 from physgen.text import KeyPath, dotted, quoted

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
 from physgen import pipeline
@@ -27,7 +26,7 @@ from physgen.batch.compare import (
     few,
     motion_difference,
 )
-from physgen.export.video import Format
+from physgen.export.video import U8, Format
 from physgen.files import final_name
 from physgen.pipeline.stages import Film, Keep, Stages, scene_file
 from physgen.problems import InputError, Problem
@@ -38,7 +37,6 @@ from physgen.simulate.trajectory import Trajectory, read_trajectory
 if TYPE_CHECKING:
     from physgen.render.stage import Frame
 
-U8 = NDArray[np.uint8]
 
 NOT_REFINED = "refinement was not run again: the clip as it was drawn is compared"
 NO_OLD_MOTION = "objects cannot be compared: trajectory.npz does not hold the old motion"

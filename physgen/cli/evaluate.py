@@ -9,16 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from physgen.cli.arguments import (
-    Command,
-    Parser,
-    count,
-    seed,
-    some_names,
-    speeds,
-    turns,
-    whole,
-)
+from physgen.cli.arguments import Command, Parser, count, seed, some_names, speeds, turns, whole
 from physgen.cli.clips import add_overlays
 from physgen.cli.output import (
     FAILED,

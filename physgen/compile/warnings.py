@@ -14,6 +14,7 @@ from shapely.affinity import translate
 from physgen.compile.compile import Compiled, warning
 from physgen.compile.shapes import U16
 from physgen.geometry.convex import outline_shape, overlap_depth
+from physgen.geometry.raster import coverage_box
 from physgen.maps import U8, Percepts
 from physgen.problems import Problem, by_place
 from physgen.scene.files import equal
@@ -44,8 +45,8 @@ class WarningLimits:
     """Grey levels of such a mean from which on a pixel is not the photo's."""
     least: int = 64
     """Such pixels in one piece from which on a map counts as different: 8 x 8 px."""
-    missed: float = 0.05
-    """Part of a mask that its shape may miss."""
+    missed: float = 0.03
+    """Part of a mask that its shape may miss, or by which it may reach beyond what the photo shows of any object."""
     seen: float = 0.08
     """Of a mask's size (root of its area): how far it may reach beyond the hull of its shape.
 
@@ -211,7 +212,7 @@ def _grown(mask: Mask, by: int) -> Mask:
 
 
 def _missed_masks(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
-    """Written shapes that miss a part of the object's mask."""
+    """Written shapes that differ from the object's mask."""
     for k, (item, outline) in enumerate(zip(scene.objects, compiled.shapes.written, strict=True)):
         mask = compiled.labels == k + 1
         area = int(mask.sum())
@@ -220,14 +221,23 @@ def _missed_masks(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
         hull = outline_shape(outline).convex_hull.buffer(LIMITS.seen * area**0.5)
         seen = np.zeros(mask.shape, np.uint8)
         cv2.fillPoly(seen, [np.rint(shapely.get_coordinates(hull)).astype(np.int32)], 1)
-        beyond = (mask & (seen == 0)).astype(np.uint8)
-        thick = cv2.morphologyEx(beyond, cv2.MORPH_OPEN, np.ones((LIMITS.thin, LIMITS.thin), np.uint8))
-        missed = np.count_nonzero(thick) / area
-        if missed > LIMITS.missed:
-            fix = "write shape: auto, or correct the outline"
-            yield warning(
-                scene, f"objects.{item.name}.shape", "the shape", f"misses {missed:.0%} of its mask", fix
-            )
+        cover, (x0, y0) = coverage_box(outline, (0, 0, mask.shape[1], mask.shape[0]))
+        box = np.s_[y0 : y0 + cover.shape[0], x0 : x0 + cover.shape[1]]
+        shown = (compiled.labels > 0) | compiled.scenery | _filled(mask)
+        bare = (cover >= 0.5) & ~shown[box]
+        thin = np.ones((LIMITS.thin, LIMITS.thin), np.uint8)
+        path, fix = f"objects.{item.name}.shape", "write shape: outline, or correct the outline or the mask"
+        for part, text in ((mask & (seen == 0), "misses {:.0%} of"), (bare, "reaches {:.0%} beyond")):
+            share = cv2.morphologyEx(part.astype(np.uint8), cv2.MORPH_OPEN, thin).sum() / area
+            if share > LIMITS.missed:
+                yield warning(scene, path, "the shape", f"{text.format(share)} its mask", fix)
+
+
+def _filled(mask: Mask) -> Mask:
+    """(H, W): the mask with its holes, such as the one of a handle."""
+    outside = np.pad((~mask).astype(np.uint8), 1, constant_values=1)
+    cv2.floodFill(outside, None, (0, 0), 2)
+    return np.asarray(outside[1:-1, 1:-1] != 2)
 
 
 def _overlaps(scene: Scene, compiled: Compiled) -> Iterator[Problem]:

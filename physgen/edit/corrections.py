@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen import registry
-from physgen.compile.shapes import snapped_to_boundaries
+from physgen.compile.shapes import U16, snapped_to_boundaries
 from physgen.edit.live import Live
 from physgen.edit.masks import PromptSegmenter, count, make, parse_op
 from physgen.edit.object_entries import (
@@ -36,7 +36,7 @@ from physgen.files import write_atomic
 from physgen.geometry.fitting import fit_outlines
 from physgen.geometry.polygon import translated_outline
 from physgen.geometry.scale import photo_object
-from physgen.maps import Percepts
+from physgen.maps import U8, Percepts
 from physgen.perceive import document
 from physgen.perceive.inpaint.poisson import dilate
 from physgen.perceive.roles import SMALLEST_OBJECT, BoundaryGuess, PhotoObject
@@ -45,8 +45,6 @@ from physgen.problems import InputError, impossible
 from physgen.scene.scene import MaskId
 from physgen.scene.yaml_edit import without_guess_comments
 
-U8 = NDArray[np.uint8]
-U16 = NDArray[np.uint16]
 Window = tuple[slice, slice]
 """Rows and columns."""
 

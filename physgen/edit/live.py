@@ -24,17 +24,7 @@ from physgen.pipeline.cache_keys import key, motion_key
 from physgen.pipeline.stages import Keep, Recent, Stages, lint, stage
 from physgen.problems import InputError, Problem, impossible
 from physgen.render.stage import Stage
-from physgen.report.player import (
-    fields,
-    figure,
-    joints,
-    plate,
-    pushes,
-    shadows,
-    sprites,
-    touches,
-    walls,
-)
+from physgen.report.player import fields, figure, joints, plate, pushes, shadows, sprites, touches, walls
 from physgen.scene.load import Opened
 from physgen.scene.provenance import Provenance, source
 from physgen.scene.scene import Scene, Solid, View

@@ -15,14 +15,7 @@ from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
 from physgen import registry
 from physgen.compile.shapes import fill_polygon
-from physgen.edit.object_entries import (
-    Correction,
-    Data,
-    Mask,
-    changed_entry,
-    new_entry,
-    written,
-)
+from physgen.edit.object_entries import Correction, Data, Mask, changed_entry, new_entry, written
 from physgen.edit.operations import replaced
 from physgen.geometry.fitting import fit_outlines
 from physgen.geometry.scale import photo_object

@@ -13,7 +13,7 @@ from physgen import registry
 from physgen.edit.live import CompiledScene, Live
 from physgen.geometry.polygon import Disc, mass_properties
 from physgen.geometry.scale import is_assumed, photo_object
-from physgen.maps import Percepts
+from physgen.maps import U16, Percepts
 from physgen.perceive import document
 from physgen.perceive.refresh import rewritten, with_sources
 from physgen.perceive.roles import BoundaryGuess, Detections, Name, PhotoObject
@@ -23,7 +23,6 @@ from physgen.scene.scene import Scene
 from physgen.text import quantity
 
 Data = dict[str, Any]
-U16 = NDArray[np.uint16]
 Mask = NDArray[np.bool_]
 
 

@@ -24,7 +24,7 @@ from physgen.geometry.circles import fit_circle
 from physgen.geometry.fitting import fit_outlines, long_border, without_specks
 from physgen.geometry.polygon import Disc, Outline, mass_properties
 from physgen.geometry.regions import fit_regions
-from physgen.maps import Percepts, read_labels
+from physgen.maps import F32, Percepts, read_labels
 from physgen.perceive.document import (
     MOTION_BLUR,
     light_entry,
@@ -55,7 +55,6 @@ from physgen.scene.scene import View
 from physgen.scene.schema import Schema, expand
 from physgen.text import dotted, nearest, shown
 
-F32 = NDArray[np.float32]
 Vector = tuple[float, float]
 NEEDED = ("original.png", "mask.png", "sim.yaml")
 STEP = 1 / 60

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from physgen.geometry.polygon import Outline
 from physgen.geometry.scale import PhotoObject as PhotoObject
-from physgen.maps import Percepts
+from physgen.maps import F32, Percepts
 from physgen.photometry import DistantLight
 from physgen.problems import Problem
 from physgen.scene.scene import Solid, View
@@ -24,7 +24,6 @@ Rgb = NDArray[np.uint8]
 """(H, W, 3) sRGB."""
 Labels = NDArray[np.uint16]
 """(H, W), 0 = background."""
-F32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 SMALLEST_OBJECT = 12

@@ -13,9 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from physgen.export.video import Format
+from physgen.export.video import U8, Format
 from physgen.files import file_stamp
 from physgen.pipeline.refining import Refiners, guidance_footage, refine_footage
 from physgen.pipeline.stages import Film, Keep, Stages, fan, lint, render, scene_file
@@ -196,8 +195,6 @@ class Labels:
             for index, _ in enumerate(tap(film.frames(trajectory))):
                 progress("export", index + 1, count)
 
-
-U8 = NDArray[np.uint8]
 
 TABLE = "fan.csv"
 """Table of all draws, in a clip's folder."""

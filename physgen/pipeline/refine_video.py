@@ -12,21 +12,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from physgen.export.video import LONGEST, Format, encode_in_thread, open_video
 from physgen.files import move_with_backup, partial, write_with_backup
 from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
 from physgen.progress import Progress, silent
-from physgen.refine.denoiser import PromptSettings
+from physgen.refine.denoiser import F32, PromptSettings
 from physgen.refine.fusion import Refinement, RefineSettings, backend_errors, hold_frames, no_steps_problem
 from physgen.registry import Backends, Plan
 from physgen.report.record import file_hash, frame_hash, json_text, versions
 from physgen.scene.scene import Refine
 from physgen.scene.schema import at
 from physgen.videos import Coverage, Video, in_folder, open_coverage, read_video
-
-F32 = NDArray[np.float32]
 
 ROLE, BACKEND = "refine", "animatediff"
 """The role, and the backend that fills it unless another is chosen."""

@@ -8,10 +8,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
-from physgen.pipeline.footage import Add, Footage, footage
+from physgen.pipeline.footage import U8, Add, Footage, footage
 from physgen.pipeline.stages import Film
 from physgen.problems import InputError, Problem, Warn
 from physgen.progress import Progress
@@ -27,7 +24,6 @@ if TYPE_CHECKING:
     from physgen.scene.scene import Scene
     from physgen.simulate.trajectory import Trajectory
 
-U8 = NDArray[np.uint8]
 STRIP = "refinement.png"
 """Picture of the changes, in the folder of the clip."""
 QUALITY = 84

@@ -8,16 +8,11 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
-from physgen.export.video import Format, encode_in_thread, open_video
+from physgen.export.video import U8, Format, encode_in_thread, open_video
 from physgen.progress import Progress
 from physgen.render.stage import Frame
 from physgen.report.record import RunRecord, StageTime, frame_hash
 from physgen.scene.scene import Scene
-
-U8 = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)

@@ -33,12 +33,11 @@ from math import floor
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from physgen.photometry import decode, encode_u8
 from physgen.problems import InputError, Place, Problem
 from physgen.progress import Progress, silent
-from physgen.refine.denoiser import Denoiser, PromptSettings
+from physgen.refine.denoiser import F32, U8, Denoiser, PromptSettings
 from physgen.refine.latents import (
     blend_predictions,
     cell_coverage,
@@ -138,10 +137,6 @@ def prompt_of(labels: Iterable[str]) -> str:
     spelling: dict[str, str] = {}  # as it is written first
     found = Counter(spelling.setdefault(label.strip().lower(), label.strip()).lower() for label in labels)
     return ", ".join(spelling[label] for label, _ in found.most_common() if label not in EMPTY_LABELS)
-
-
-U8 = NDArray[np.uint8]
-F32 = NDArray[np.float32]
 
 
 def restore_detail(

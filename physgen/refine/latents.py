@@ -15,10 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.photometry import decode, encode_u8
-from physgen.refine.denoiser import Grid
+from physgen.refine.denoiser import F32, U8, Grid
 
-U8 = NDArray[np.uint8]
-F32 = NDArray[np.float32]
 Size = tuple[int, int]
 """Width and height, px."""
 MOST = 1.5

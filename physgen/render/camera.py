@@ -21,8 +21,8 @@ from PIL import Image
 
 from physgen.compile.world import World
 from physgen.geometry.polygon import Array
+from physgen.maps import U8
 from physgen.photometry import decode, encode_u8
-from physgen.render.shadow_decomposition import U8
 from physgen.render.stage import Cover, Frame, Slices
 from physgen.scene.scene import CameraView, Play, Point, Scene, affine, held, magnification, room
 from physgen.simulate.trajectory import Trajectory

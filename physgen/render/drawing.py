@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from physgen.geometry.polygon import Array
+from physgen.maps import F32, U8
 from physgen.photometry import decode, encode_u8
 
-Array = NDArray[np.float64]
-F32 = NDArray[np.float32]
-U8 = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 """sRGB."""
 

@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 
 from physgen.geometry.polygon import rotation
 from physgen.geometry.shadows import F32, Silhouette
+from physgen.maps import U16
 from physgen.photometry import decode, encode_u8
 from physgen.render.atlas import BallSprites, ShadowSprites
 from physgen.render.occlusion import add_shadow, occlusion_factors, relit_border, sprite_silhouette
 from physgen.render.shadow_decomposition import shaded_background
-from physgen.render.sprites import U16
 from physgen.render.stage import (
     Cover,
     Frame,
@@ -299,9 +299,12 @@ class _Shadows:
             weights[stand.k] = along
             if lit.casts[stand.k].sliding is None:
                 for at, weight in along:
-                    figure = _carried(
-                        figures.get(stand.k), at.pose.x - stand.pose.x, at.pose.y - stand.pose.y
-                    )
+                    figure = figures.get(stand.k)
+                    if figure is not None and at is not stand:
+                        (left, top), (cx, cy) = figure.corner, figure.center
+                        x, y = at.pose.x - stand.pose.x, at.pose.y - stand.pose.y
+                        corner = (left + round(x), top + round(y))
+                        figure = replace(figure, corner=corner, center=(cx + x, cy + y))
                     boxes += add_shadow(dark, lit, at, figure, weight)
         boxes += self._slides.thrown(dark, [one for along in weights.values() for one in along])
         relit = touched_tiles(boxes, size)
@@ -351,14 +354,6 @@ def _along(trail: Trail, stand: SpritePose) -> list[tuple[SpritePose, float]]:
         pose = stand.pose._replace(x=stand.pose.x + x, y=stand.pose.y + y)
         found.append((replace(stand, pose=pose), len(group) / len(trail)))
     return found
-
-
-def _carried(figure: Silhouette | None, x: float, y: float) -> Silhouette | None:
-    """A silhouette moved by some px."""
-    if figure is None or (x == 0 and y == 0):
-        return figure
-    corner = (figure.corner[0] + round(x), figure.corner[1] + round(y))
-    return replace(figure, corner=corner, center=(figure.center[0] + x, figure.center[1] + y))
 
 
 def _smeared(picture: Picture, trail: Trail, size: tuple[int, int]) -> tuple[Slices, F32, F32]:

@@ -11,18 +11,9 @@ from numpy.typing import NDArray
 
 from physgen.compile.world import World
 from physgen.geometry.polygon import Array, rotation
+from physgen.maps import U8
 from physgen.render.contacts import Impact, contact_points_between, find_impacts, sample_times
-from physgen.render.drawing import (
-    CASING,
-    U8,
-    Layer,
-    arc,
-    circle,
-    curved_arrow,
-    ring,
-    straight_arrow,
-    text_width,
-)
+from physgen.render.drawing import CASING, Layer, arc, circle, curved_arrow, ring, straight_arrow, text_width
 from physgen.render.scales import COLOURS, Entry, Scales, key_entries, scales
 from physgen.render.stage import Frame
 from physgen.scene.scene import Load, Motion, Overlay, Solid, View

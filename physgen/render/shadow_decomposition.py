@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 
 from physgen.geometry.polygon import Pose
 from physgen.geometry.shadows import F32, PixelBox, ShadowSetting, Silhouette, blurred, shadow_darkness
+from physgen.maps import U8
 from physgen.photometry import decode, luminance
-
-U8 = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.geometry.polygon import Outline, Region
+from physgen.geometry.polygon import Outline
 from physgen.geometry.raster import coverage_box
-from physgen.perceive.inpaint.poisson import harmonic_fill
+from physgen.geometry.shadows import PixelBox
+from physgen.maps import F32, U8, U16
+from physgen.perceive.inpaint.poisson import dilate, harmonic_fill
+from physgen.perceive.roles import Mask
 from physgen.photometry import DistantLight, decode
-from physgen.render.ball import F32, Ball
+from physgen.render.ball import Ball
 
 _LOBES = [float(np.sinc(k) * np.sinc(k / 3)) for k in (2.5, 1.5, 0.5)]
 HALFWAY = [np.float32(lobe / (2 * sum(_LOBES))) for lobe in _LOBES]
@@ -78,8 +81,6 @@ class SpriteTuning:
     """Of an object's mask that must lie apart from others, for their rims to be left out of what is continued."""
     beside: float = 0.35
     """Of an object's size (root of its mask's area): how far what the lens sees of it may lie beside its shape."""
-    missed: float = 0.3
-    """Of a ball's radius: how near others its mask may miss pixels that its circle has."""
     texture: float = 3.0
     """px: what is finer is texture, what is coarser is shading."""
     dark: float = 0.003
@@ -123,7 +124,7 @@ def lambert(light: DistantLight, normals: F32) -> F32:
     )
 
 
-def relief_of(normals: F32, known: NDArray[np.bool_], light: DistantLight) -> Relief | None:
+def relief_of(normals: F32, known: Mask, light: DistantLight) -> Relief | None:
     """`normals` (h, w, 3), of which those `known` (h, w) are the object's; None where turning changes nothing."""
     if not known.any() or light.intensity <= 0:
         return None
@@ -149,9 +150,6 @@ def relief_of(normals: F32, known: NDArray[np.bool_], light: DistantLight) -> Re
     changes = max(float(np.abs(found.ratio(turn)[known] - 1).mean()) for turn in (0.8, 1.6, 3.1, 4.7))
     return found if changes > CUT.facing else None
 
-
-U8 = NDArray[np.uint8]
-U16 = NDArray[np.uint16]
 
 MARGIN = 2
 """px of nothing around a sprite, so that interpolation fades to nothing."""
@@ -223,7 +221,7 @@ class Sprite:
 def cut_sprites(
     rgb: U8,
     labels: U16,
-    absent: NDArray[np.bool_],
+    absent: Mask,
     coverage: F32,
     background: U8,
     order: Sequence[int],
@@ -236,11 +234,11 @@ def cut_sprites(
     """
     photo, behind = decode(rgb), decode(background)
     boxes = _boxes(labels)
-    hidden = {k: part for k, shape in enumerate(shapes) if (part := _hidden(labels, absent, k, shape))}
-    order = _hiding_last(order, labels, hidden)
-    for k, part in hidden.items():
-        (rows, columns), (x0, y0, x1, y1) = part.box, boxes[k + 1]
-        boxes[k + 1] = min(x0, columns.start), min(y0, rows.start), max(x1, columns.stop), max(y1, rows.stop)
+    hidden = {}
+    for k, shape in enumerate(shapes):
+        if k + 1 in boxes and (part := _hidden(labels, absent, k, shape, boxes[k + 1])) is not None:
+            hidden[k], boxes[k + 1] = part, part.box
+    order = _hiding_last(order, hidden)
     total = _soft((labels > 0) | absent)
     around = ((MARGIN, MARGIN), (MARGIN, MARGIN))
     sprites = []
@@ -255,7 +253,7 @@ def cut_sprites(
         alpha[(labels[box] == k + 1) & (alpha > 0.995)] = 1.0
         light = _foreground(photo[box], behind[box], labels[box] == k + 1, alpha, share)
         if k in hidden:
-            light, alpha = _completed(photo[box], labels[box] == k + 1, light, alpha, hidden[k].within(box))
+            light, alpha = _completed(photo[box], labels[box] == k + 1, light, alpha, hidden[k])
         sprites.append(
             Sprite(
                 body=k,
@@ -271,52 +269,41 @@ def cut_sprites(
 class _Hidden:
     """A part of an object's shape that others hide in the photo."""
 
-    box: tuple[slice, slice]
-    """Rows and columns of the shape in the photo."""
+    box: PixelBox
+    """x0, y0, x1, y1 px of the photo around mask and shape."""
+    labels: U16
+    """(h, w) of the photo."""
     shape: F32
     """(h, w) coverage."""
-    hole: NDArray[np.bool_]
+    hole: Mask
     """(h, w): hidden pixels."""
-    by: NDArray[np.bool_]
+    by: Mask
     """(h, w): pixels of what hides it, or any other object."""
 
-    def within(self, box: tuple[slice, slice]) -> tuple[F32, NDArray[np.bool_], NDArray[np.bool_]]:
-        """`shape`, `hole` and `by` on a larger box."""
-        (top, left), (rows, columns) = ((part.start for part in box), self.box)
-        sides = (
-            (rows.start - top, box[0].stop - rows.stop),
-            (columns.start - left, box[1].stop - columns.stop),
-        )
-        return np.pad(self.shape, sides), np.pad(self.hole, sides), np.pad(self.by, sides)
 
-
-def _hidden(labels: U16, absent: NDArray[np.bool_], k: int, shape: Outline) -> _Hidden | None:
-    """What other objects hide of body k's shape; slivers along shared borders are none."""
-    height, width = labels.shape
-    flat, (x0, y0) = coverage_box(shape, (0, 0, width, height))
-    rows, columns = (np.flatnonzero((labels == k + 1).any(axis=axis)) for axis in (1, 0))
-    if not len(rows) or not flat.size:
+def _hidden(labels: U16, absent: Mask, k: int, shape: Outline, box: PixelBox) -> _Hidden | None:
+    """What other objects hide of body k's shape, whose mask's box is given; slivers along shared borders are none."""
+    flat, (left, top) = coverage_box(shape, (0, 0, labels.shape[1], labels.shape[0]))
+    if not flat.size:
         return None
-    top, left = min(y0, int(rows[0])), min(x0, int(columns[0]))
-    bottom, right = max(y0 + flat.shape[0], int(rows[-1]) + 1), max(x0 + flat.shape[1], int(columns[-1]) + 1)
-    box = np.s_[top:bottom, left:right]
-    mine = labels[box] == k + 1
-    by = ((labels[box] > 0) & ~mine) | absent[box]
-    sides = (y0 - top, bottom - y0 - flat.shape[0]), (x0 - left, right - x0 - flat.shape[1])
-    cover = np.pad(flat, sides)
+    right, bottom = left + flat.shape[1], top + flat.shape[0]
+    x0, y0, x1, y1 = min(box[0], left), min(box[1], top), max(box[2], right), max(box[3], bottom)
+    part = labels[y0:y1, x0:x1]
+    mine = part == k + 1
+    by = ((part > 0) & ~mine) | absent[y0:y1, x0:x1]
+    cover = np.pad(flat, ((top - y0, y1 - bottom), (left - x0, x1 - right)))
     # a rim or a face that the lens sees beside the shape goes on behind what stands before its middle
     reach = CUT.beside * np.count_nonzero(mine) ** 0.5
     near = cv2.distanceTransform((cover < 0.5).astype(np.uint8), cv2.DIST_L2, 3) <= reach
     cover = np.maximum(cover, (near & by & _between(mine, by)).astype(np.float32))
-    beyond = CUT.clean if isinstance(shape, Region) else max(CUT.clean, round(CUT.missed * shape.radius))
-    hole = ((cover >= 0.5) & ~mine & (_grown(by, beyond) > 0)).astype(np.uint8)
+    hole = ((cover >= 0.5) & ~mine & dilate(by, CUT.clean)).astype(np.uint8)
     core = cv2.morphologyEx(hole, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     if not core.any() or core.sum() < CUT.hidden * cover.sum():
         return None
-    return _Hidden(box, cover, (_grown(core, 1) & hole) > 0, by)
+    return _Hidden((x0, y0, x1, y1), part, cover, dilate(core > 0, 1) & (hole > 0), by)
 
 
-def _between(mine: NDArray[np.bool_], by: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _between(mine: Mask, by: Mask) -> Mask:
     """(h, w): pixels of rows with an object's own on both sides, and nothing but others in between."""
     x = np.arange(1, mine.shape[1] + 1)
     found = np.ones(mine.shape, bool)
@@ -329,36 +316,29 @@ def _between(mine: NDArray[np.bool_], by: NDArray[np.bool_]) -> NDArray[np.bool_
     return found
 
 
-def _grown(mask: NDArray[np.generic], by: int) -> U8:
-    return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((2 * by + 1, 2 * by + 1), np.uint8)))
+def _hiding_last(order: Sequence[int], hidden: Mapping[int, _Hidden]) -> list[int]:
+    """The drawing order, changed so that what hides another object is drawn after it.
 
-
-def _hiding_last(order: Sequence[int], labels: U16, hidden: Mapping[int, _Hidden]) -> list[int]:
-    """The drawing order, changed so that what hides another object is drawn after it."""
+    Where each hides a part of the other, the smaller part stays hidden: its pixels leave the `hole`.
+    """
+    seen = {(k, j): int((h.labels[h.hole] == j + 1).sum()) for k, h in hidden.items() for j in order}
     before: dict[int, set[int]] = {k: set() for k in order}
-    for k, part in hidden.items():
-        ids, counts = np.unique(labels[part.box][part.hole], return_counts=True)
-        for id_, count in zip(ids.tolist(), counts.tolist(), strict=True):
-            if id_ and count > CUT.clean**2 and id_ - 1 not in before[k]:
-                before[id_ - 1].add(k)
-    left, found = list(order), []
+    for k, by in sorted((pair for pair in seen if seen[pair]), key=seen.__getitem__, reverse=True):
+        if by in before[k]:
+            hidden[k].hole[hidden[k].labels == by + 1] = False
+        else:
+            for other in order:
+                before[other] |= {k} | before[k] if other == by or by in before[other] else set()
+    left, drawn = list(order), []
     while left:
-        free = next((k for k in left if before[k].isdisjoint(left)), left[0])
-        left.remove(free)
-        found.append(free)
-    return found
+        drawn.append(next(k for k in left if before[k].isdisjoint(left)))
+        left.remove(drawn[-1])
+    return drawn
 
 
-def _completed(
-    photo: F32,
-    mask: NDArray[np.bool_],
-    light: F32,
-    alpha: F32,
-    part: tuple[F32, NDArray[np.bool_], NDArray[np.bool_]],
-) -> tuple[F32, F32]:
+def _completed(photo: F32, mask: Mask, light: F32, alpha: F32, part: _Hidden) -> tuple[F32, F32]:
     """Light (h, w, 3) and coverage (h, w) with the hidden part: shading goes on smoothly, texture is mirrored."""
-    shape, hole, by = part
-    sure = mask & (_grown(by, CUT.clean + 1) == 0)
+    sure = mask & ~dilate(part.by, CUT.clean + 1)
     if np.count_nonzero(sure) < CUT.seen * np.count_nonzero(mask):
         sure = mask
     level = np.log(photo + np.float32(CUT.dark))
@@ -378,8 +358,8 @@ def _completed(
     y, x = mirrored[..., 0], mirrored[..., 1]
     smooth = smooth + (np.where(sure[..., None], level - even, 0)[y, x]).astype(np.float32)
     filled = np.maximum(np.exp(smooth) - np.float32(CUT.dark), 0)
-    zone = _grown(hole, CUT.clean + 1) > 0
-    cover = np.where(zone, np.maximum(alpha, shape), alpha).astype(np.float32)
+    zone = dilate(part.hole, CUT.clean + 1)
+    cover = np.where(zone, np.maximum(alpha, part.shape), alpha).astype(np.float32)
     anew = (zone & ~sure)[..., None]
     return np.asarray(np.where(anew, filled * cover[..., None], light), np.float32), cover
 
@@ -388,7 +368,7 @@ def anchored(
     sprites: Sequence[Sprite],
     photo: F32,
     behind: F32,
-    absent: NDArray[np.bool_],
+    absent: Mask,
     owner: NDArray[np.int32] | None = None,
 ) -> list[Sprite]:
     """Sprites whose `rest` and `halo` make them, over `behind` (H, W, 3) linear, the photo (H, W, 3) at t = 0.
@@ -428,7 +408,7 @@ def anchored(
     return found
 
 
-def _nearest(top: NDArray[np.int32], absent: NDArray[np.bool_], reach: int) -> NDArray[np.int32]:
+def _nearest(top: NDArray[np.int32], absent: Mask, reach: int) -> NDArray[np.int32]:
     """(H, W) the number in `top` that is nearest, 0 where that is an `absent` object or none within `reach` px."""
     seeds = (top > 0) | absent
     if not seeds.any():
@@ -441,7 +421,7 @@ def _nearest(top: NDArray[np.int32], absent: NDArray[np.bool_], reach: int) -> N
     return np.where(away <= reach, numbers[places], 0).astype(np.int32)
 
 
-def _soft(mask: NDArray[np.bool_]) -> F32:
+def _soft(mask: Mask) -> F32:
     """A blurred mask: shares of touching masks add up to that of their union."""
     return np.asarray(cv2.GaussianBlur(mask.astype(np.float32), (0, 0), CUT.blur), np.float32)
 
@@ -465,7 +445,7 @@ def _boxes(labels: U16) -> dict[int, tuple[int, int, int, int]]:
     return boxes
 
 
-def _foreground(photo: F32, behind: F32, mask: NDArray[np.bool_], alpha: F32, share: F32) -> F32:
+def _foreground(photo: F32, behind: F32, mask: Mask, alpha: F32, share: F32) -> F32:
     """The object's own light times `alpha` (h, w, 3): the photo less what shows through of the background.
 
     Where little of a pixel is the object's, and what is behind it is not well known, the light that is carried outwards

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from physgen.geometry.polygon import Array, Pose, rotation
 from physgen.geometry.shadows import F32
-from physgen.render.shadow_decomposition import U8, LitBackground
-from physgen.render.sprites import U16, Sprite
+from physgen.maps import U8, U16
+from physgen.render.shadow_decomposition import LitBackground
+from physgen.render.sprites import Sprite
 from physgen.simulate.trajectory import Trajectory
 from physgen.simulate.trajectory import rotation_matrices as in_space
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from physgen.compile.world import World
-from physgen.geometry.polygon import rotation
+from physgen.geometry.polygon import Array, rotation
+from physgen.maps import U8
 from physgen.render.drawing import arrow
 from physgen.render.scales import nearest_round
 from physgen.report.parameters import arrows
@@ -20,9 +20,6 @@ from physgen.simulate.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-Array = NDArray[np.float64]
-U8 = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)

@@ -7,14 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
-from physgen.export.video import sample_frames
+from physgen.export.video import U8, sample_frames
 from physgen.problems import Place, Problem, Severity
 from physgen.report.html import data_uri, encoded, fitted
-
-U8 = NDArray[np.uint8]
 
 MAILED = 50_000_000
 """Bytes of a page that most mailboxes accept."""

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from physgen import __version__
 from physgen.compile.world import World, pair_table
+from physgen.export.video import U8
 from physgen.files import resource
 from physgen.problems import Problem
 from physgen.report.films import Film
@@ -37,8 +37,6 @@ from physgen.report.refinement import RefinementStrip, refinement
 from physgen.report.uncertainty import UncertaintySection, dimmed_photo
 from physgen.scene.scene import Play, Render, Scene, View
 from physgen.text import rounded, value_text
-
-U8 = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)

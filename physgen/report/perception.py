@@ -18,16 +18,13 @@ from numpy.typing import NDArray
 
 from physgen.compile.compile import Compiled
 from physgen.compile.world import body_in_photo
-from physgen.maps import Percepts
+from physgen.geometry.polygon import Array
+from physgen.maps import U8, U16, Percepts
 from physgen.perceive.document import written_suitability
 from physgen.photometry import DistantLight, encode_u8, sphere_normals
 from physgen.render.drawing import Colour, Layer
 from physgen.report.html import fitted, webp
 from physgen.scene.scene import Light, MaskId, Scene, View
-
-Array = NDArray[np.float64]
-U8 = NDArray[np.uint8]
-U16 = NDArray[np.uint16]
 
 SIDE, PAIR_SIDE = 480, 800
 """px: longer side of a picture, and of those that slide over each other, at most."""

@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import Body, World
-from physgen.geometry.shadows import PixelBox
+from physgen.geometry.shadows import F32, PixelBox
+from physgen.maps import U8
 from physgen.photometry import encode_u8
 from physgen.render.camera import Shot
 from physgen.render.contacts import Impact, find_impacts, sample_times
@@ -32,8 +33,6 @@ from physgen.report.html import smallest_picture, webp
 from physgen.scene.scene import FieldKind, Load, Motion, Overlay, Scene, Solid, View
 from physgen.simulate.trajectory import Trajectory
 
-U8 = NDArray[np.uint8]
-F32 = NDArray[np.float32]
 Array = NDArray[np.float64]
 
 

@@ -13,12 +13,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.report.html import fitted
+from physgen.report.html import U8, fitted
 from physgen.report.perception import Comparison
 from physgen.report.record import REFINING
 from physgen.text import value_text
 
-U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
 
 NEAR = 0.05

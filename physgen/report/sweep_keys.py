@@ -13,10 +13,9 @@ from physgen.report.clips import Clip
 from physgen.scene.document import Source, plain
 from physgen.scene.overlay import edit_of_flag
 from physgen.scene.schema import expanded
-from physgen.text import dotted
+from physgen.text import KeyPath, dotted
 
 Value = float | str
-KeyPath = tuple[str | int, ...]
 """Of a value in a document: `("objects", "ball", "mass")`."""
 
 MOST_KEYS = 24

@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import World
-from physgen.report.html import fitted, jpeg
+from physgen.report.html import U8, fitted, jpeg
 from physgen.simulate.uncertainty import VERBS, Ensemble, Fate, Verdict, headline, percent
 from physgen.text import rounded
 
 Array = NDArray[np.float64]
-U8 = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)

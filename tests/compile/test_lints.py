@@ -175,6 +175,15 @@ def test_a_section_of_what_is_seen_is_no_mistake(tmp_path: Path, shape: str) -> 
     assert not [line for line in masked(tmp_path, shape, (40, 46, 101, 101)) if "mask" in line]
 
 
+def test_a_shape_beyond_its_mask_is_told_and_the_hole_of_a_handle_is_not(tmp_path: Path) -> None:
+    """A box of 60 x 50 px, 10 px of whose width show the background; and one with a hole in its mask."""
+    shape = "{box: {center: [70, 75], size: [60, 50]}}"
+    (line,) = [line for line in masked(tmp_path, shape, (40, 50, 91, 100)) if "beyond" in line]
+    assert abs(int(line.split("reaches ")[1].split("%")[0]) - 20) < 3
+    around = [(40, 50, 101, 60), (40, 90, 101, 100), (40, 50, 50, 100), (90, 50, 101, 100)]
+    assert not [line for line in masked(tmp_path, shape, *around) if "mask" in line]
+
+
 @pytest.mark.parametrize(
     ("shape", "share"),
     [
@@ -183,5 +192,5 @@ def test_a_section_of_what_is_seen_is_no_mistake(tmp_path: Path, shape: str) -> 
     ],
 )
 def test_a_shape_that_misses_its_mask_is_told(tmp_path: Path, shape: str, share: float) -> None:
-    (line,) = [line for line in masked(tmp_path, shape, (40, 46, 101, 101)) if "mask" in line]
+    (line,) = [line for line in masked(tmp_path, shape, (40, 46, 101, 101)) if "misses" in line]
     assert abs(int(line.split("misses ")[1].split("%")[0]) - share) < 15

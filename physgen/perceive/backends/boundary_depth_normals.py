@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.geometry.polygon import Array, bounds
+from physgen.maps import F32
 from physgen.perceive.backends.boundary_support import (
     ELASTICITY,
     FRICTION,
@@ -38,17 +39,7 @@ from physgen.perceive.backends.boundary_support import (
     photo_bottom,
     view_evidence,
 )
-from physgen.perceive.roles import (
-    F32,
-    Boundary,
-    BoundaryGuess,
-    Labels,
-    Mask,
-    PhotoObject,
-    Rgb,
-    Scenery,
-    Wall,
-)
+from physgen.perceive.roles import Boundary, BoundaryGuess, Labels, Mask, PhotoObject, Rgb, Scenery, Wall
 from physgen.perceive.support.ground_contact import Foot, Line
 from physgen.perceive.support.supports import add_supports, depth_inside, free_parts
 from physgen.perceive.support.viewpoint import guess_view

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.geometry.polygon import Array, Outline, bounds, cross
-from physgen.perceive.roles import F32, Boundary, BoundaryGuess, Labels, PhotoObject, Rgb, Wall
+from physgen.maps import F32
+from physgen.perceive.roles import Boundary, BoundaryGuess, Labels, PhotoObject, Rgb, Wall
 from physgen.perceive.segment.network import run_network
 from physgen.perceive.support.equilibrium import contacts
 from physgen.perceive.support.ground_contact import (

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from physgen.maps import F32
 from physgen.perceive.inpaint.patch_match import patch_match_fill
 from physgen.perceive.inpaint.poisson import blend_at_border, close_gaps, dilate, harmonic_fill, hole_pieces
-from physgen.perceive.roles import F32, Inpaint, Mask, Rgb
+from physgen.perceive.roles import Inpaint, Mask, Rgb
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from physgen.maps import F32
 from physgen.perceive.backends.light_shading import fit_light, pixel_pairs
-from physgen.perceive.roles import F32, Intrinsic, Intrinsics, Labels, Rgb
+from physgen.perceive.roles import Intrinsic, Intrinsics, Labels, Rgb
 from physgen.photometry import DistantLight, decode, luminance
 
 

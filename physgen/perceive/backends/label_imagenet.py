@@ -19,8 +19,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.maps import F32
 from physgen.perceive.backends.label_shape import shape
-from physgen.perceive.roles import F32, Label, Labels, Mask, Name, PhotoObject, Rgb
+from physgen.perceive.roles import Label, Labels, Mask, Name, PhotoObject, Rgb
 
 LOCK = Lock()
 NETWORK, HEADS = "names.onnx", "names.npz"

@@ -14,7 +14,8 @@ import cv2
 import numpy as np
 
 from physgen.geometry.polygon import Disc
-from physgen.perceive.roles import F32, Intrinsics, Labels, Light, LightGuess, Mask, PhotoObject, Rgb
+from physgen.maps import F32
+from physgen.perceive.roles import Intrinsics, Labels, Light, LightGuess, Mask, PhotoObject, Rgb
 from physgen.photometry import DistantLight, decode, luminance
 
 FROM_ABOVE = DistantLight((0.0, -0.6, 0.8), 0.8, 0.4)

@@ -13,8 +13,8 @@ import cv2
 import diffusers
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from physgen.maps import F32
 from physgen.perceive.backends.from_file import facing, parted
 from physgen.perceive.backends.models import ModelBackend, load_pipeline, weight_ids
 from physgen.perceive.roles import BoundaryGuess, Intrinsics, Labels, PhotoObject, Rgb
@@ -22,7 +22,6 @@ from physgen.photometry import decode, luminance
 from physgen.problems import InputError
 from physgen.registry import Options, Setup, read_options
 
-F32 = NDArray[np.float32]
 OPTIONS: Options = {
     "steps": (None, {"type": "integer", "minimum": 1}),
     "ensemble": (1, {"type": "integer", "minimum": 1}),

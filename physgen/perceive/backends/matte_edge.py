@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from physgen.perceive.roles import F32, Labels, Mask, Matte, Rgb
+from physgen.maps import F32
+from physgen.perceive.roles import Labels, Mask, Matte, Rgb
 from physgen.photometry import decode
 
 

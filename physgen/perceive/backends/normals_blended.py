@@ -14,8 +14,9 @@ import numpy as np
 
 from physgen.geometry.circles import robust_circle
 from physgen.geometry.polygon import Array, Disc
+from physgen.maps import F32
 from physgen.perceive.inpaint.poisson import harmonic_fill
-from physgen.perceive.roles import F32, BoundaryGuess, Labels, Mask, Normals, PhotoObject, Rgb
+from physgen.perceive.roles import BoundaryGuess, Labels, Mask, Normals, PhotoObject, Rgb
 from physgen.perceive.segment.network import run_network
 from physgen.photometry import decode, luminance
 from physgen.scene.scene import View

@@ -16,8 +16,8 @@ import cv2
 import numpy as np
 
 from physgen.geometry.shadows import ShadowSetting, Silhouette, blurred, shadow_darkness
+from physgen.maps import F32
 from physgen.perceive.roles import (
-    F32,
     BoundaryGuess,
     Labels,
     LightGuess,

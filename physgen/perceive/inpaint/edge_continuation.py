@@ -15,8 +15,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.maps import F32
 from physgen.perceive.inpaint.poisson import dilate
-from physgen.perceive.roles import F32, Mask
+from physgen.perceive.roles import Mask
 
 F64 = NDArray[np.float64]
 

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.maps import F32
 from physgen.perceive.inpaint.poisson import blend_at_border, harmonic_fill
 from physgen.perceive.roles import Rgb
 
-F32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Painter = Callable[[Rgb, Mask], Rgb]
 """Picture (h, w, 3) and hole (h, w) to picture (h, w, 3) uint8; pixels outside the hole may change."""

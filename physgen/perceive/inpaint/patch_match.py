@@ -16,9 +16,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.maps import F32
 from physgen.perceive.inpaint.edge_continuation import continue_edges
 from physgen.perceive.inpaint.poisson import harmonic_fill
-from physgen.perceive.roles import F32, Mask
+from physgen.perceive.roles import Mask
 
 Places = NDArray[np.int64]
 """(n, 2): rows and columns."""

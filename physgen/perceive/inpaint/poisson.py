@@ -13,7 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.perceive.roles import F32, Inpaint, Mask, Rgb
+from physgen.maps import F32
+from physgen.perceive.roles import Inpaint, Mask, Rgb
 
 ISLAND = 6  # px: gaps between objects narrower than this are mostly contact shadow
 FADE = 5.0  # px into the hole over which a difference at its border fades

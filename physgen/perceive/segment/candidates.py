@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.perceive.segment.gradient import Gradient
-from physgen.perceive.segment.network import OFFSETS, NetworkMaps
+from physgen.perceive.segment.network import F32, OFFSETS, NetworkMaps
 from physgen.perceive.segment.proposals import Mask, Proposal, cut_out, distinct, outline
 from physgen.perceive.segment.regions import (
     EDGE_CAP,
@@ -26,7 +26,6 @@ from physgen.perceive.segment.regions import (
 )
 from physgen.perceive.segment.selection import WIDEST_AREAS, search_edges
 
-F32 = NDArray[np.float32]
 Array = NDArray[np.float64]
 
 FEATURES = (

@@ -25,6 +25,7 @@ from physgen.perceive.segment.candidates import guided_proposals, judged_fit, ne
 from physgen.perceive.segment.gradient import Gradient, colour_gradient, smoothed_lab
 from physgen.perceive.segment.network import NetworkMaps, run_network
 from physgen.perceive.segment.proposals import (
+    Floats,
     Proposal,
     agreement,
     cut_out,
@@ -38,7 +39,6 @@ from physgen.perceive.segment.selection import tighten
 from physgen.problems import InputError, Place, Problem, Severity
 from physgen.registry import Backends
 
-Floats = NDArray[np.float64]
 Box = tuple[float, float, float, float]
 """Left, top, width, height, px."""
 Point = tuple[float, float]

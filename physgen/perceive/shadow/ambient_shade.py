@@ -16,7 +16,8 @@ import cv2
 import numpy as np
 
 from physgen.geometry.shadows import ShadowSetting, Silhouette
-from physgen.perceive.roles import F32, Mask, Rgb
+from physgen.maps import F32
+from physgen.perceive.roles import Mask, Rgb
 from physgen.perceive.shadow.shadow_fit import FULL
 from physgen.perceive.shadow.shadow_removal import blur_wide, hue_weights, mean_of_kind
 from physgen.perceive.shadow.silhouettes import (

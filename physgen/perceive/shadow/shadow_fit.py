@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.geometry.shadows import ShadowSetting, Silhouette
-from physgen.perceive.roles import F32, LightGuess, Rgb
+from physgen.maps import F32
+from physgen.perceive.roles import LightGuess, Rgb
 from physgen.perceive.shadow.silhouettes import (
     DARKEST,
     away_from_objects,

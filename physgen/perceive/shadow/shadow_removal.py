@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.geometry.shadows import PixelBox
-from physgen.perceive.roles import F32, Inpaint, Labels, Mask, Rgb
+from physgen.maps import F32
+from physgen.perceive.roles import Inpaint, Labels, Mask, Rgb
 from physgen.perceive.shadow.silhouettes import DARKEST, away_from_objects
 from physgen.photometry import decode, encode_u8, luminance
 

@@ -12,7 +12,8 @@ import numpy as np
 
 from physgen.geometry.polygon import bounds
 from physgen.geometry.shadows import ShadowSetting, Silhouette, shadow_darkness
-from physgen.perceive.roles import F32, BoundaryGuess, Labels, LightGuess, Matter, PhotoObject, Rgb, Shadows
+from physgen.maps import F32
+from physgen.perceive.roles import BoundaryGuess, Labels, LightGuess, Matter, PhotoObject, Rgb, Shadows
 from physgen.perceive.shadow.ambient_shade import find_ambient_shade
 from physgen.perceive.shadow.shadow_fit import (
     COARSE,

@@ -10,7 +10,8 @@ import numpy as np
 
 from physgen.geometry.polygon import Array, Disc, bounds, mass_properties
 from physgen.geometry.shadows import PixelBox, ShadowSetting, Silhouette, shadow_darkness
-from physgen.perceive.roles import F32, BoundaryGuess, Labels, Mask, Matter, PhotoObject
+from physgen.maps import F32
+from physgen.perceive.roles import BoundaryGuess, Labels, Mask, Matter, PhotoObject
 from physgen.scene.scene import Solid, View
 
 MOST = 40  # objects that are considered; the largest

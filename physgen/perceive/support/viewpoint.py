@@ -14,8 +14,8 @@ from math import exp, log
 import cv2
 import numpy as np
 
+from physgen.maps import F32
 from physgen.perceive.roles import (
-    F32,
     BoundaryGuess,
     Detections,
     Labels,

@@ -6,12 +6,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from physgen.refine.denoiser import Grid, PromptSettings
+from physgen.refine.denoiser import F32, U8, Grid, PromptSettings
 
-U8 = NDArray[np.uint8]
-F32 = NDArray[np.float32]
 ANY = 1 << 30
 
 

@@ -34,7 +34,7 @@ from physgen.perceive.backends.models import (
     weight_ids,
 )
 from physgen.problems import InputError, Problem
-from physgen.refine.denoiser import Grid, PromptSettings
+from physgen.refine.denoiser import F32, U8, Grid, PromptSettings
 from physgen.refine.latents import frames_held, latent_frames
 from physgen.registry import Options, Setup, hub_cache, read_options
 
@@ -104,9 +104,6 @@ def _bytes(pipe: Any) -> int:
     return sum(p.numel() * p.element_size() for part in parts for p in part.parameters())
 
 
-F32 = NDArray[np.float32]
-
-
 @dataclass(frozen=True)
 class Schedule:
     """The steps that run."""
@@ -170,7 +167,6 @@ def euler(scheduler: Any, steps: int, count: int) -> Schedule:
     return Schedule(type(scheduler).__name__, times, noised, stepped)
 
 
-U8 = NDArray[np.uint8]
 OPTIONS: Options = {
     "resolution": (None, {"type": "integer", "minimum": 16}),
     "window": (None, {"type": "integer", "minimum": 1}),
