@@ -31,12 +31,11 @@ from physgen.geometry.scale import (
     playback,
     scale_entry,
 )
-from physgen.maps import Percepts
+from physgen.maps import F32, Percepts
 from physgen.materials import kind
 from physgen.perceive import document
 from physgen.perceive.inpaint.poisson import fill_behind
 from physgen.perceive.roles import (
-    F32,
     SMALLEST_OBJECT,
     BoundaryGuess,
     Detections,
