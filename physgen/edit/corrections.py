@@ -6,6 +6,7 @@ that what was painted by hand or made by a model elsewhere is kept. Boundaries s
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 from collections.abc import Mapping, Sequence
@@ -18,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen import registry
-from physgen.compile.shapes import U16, snapped_to_boundaries
+from physgen.compile.shapes import U16, mask_crc, snapped_to_boundaries
 from physgen.edit.live import Live
 from physgen.edit.masks import PromptSegmenter, count, make, parse_op
 from physgen.edit.object_entries import (
@@ -27,7 +28,6 @@ from physgen.edit.object_entries import (
     Mask,
     begin,
     changed_entry,
-    grams,
     joined_mass,
     written,
 )
@@ -42,6 +42,7 @@ from physgen.perceive.inpaint.poisson import dilate
 from physgen.perceive.roles import SMALLEST_OBJECT, BoundaryGuess, PhotoObject
 from physgen.photos import read_channels
 from physgen.problems import InputError, impossible
+from physgen.scene.files import OUTLINES, RECORD, read_record
 from physgen.scene.scene import MaskId
 from physgen.scene.yaml_edit import without_guess_comments
 
@@ -137,16 +138,38 @@ def _finish(work: Correction, out: Path) -> None:
     painted = _paint(work)
     work.ops.append({"set": ["assets"], "value": out.name})
     objects = _photo_objects(work, painted)
+    entries: dict[str, Data] = {}
     for name, one in objects.items():
         made = _entry(work, name, one, painted.labels)
         _set_provenance(work, name, made)
         made["mask"] = painted.stored[name]
+        entries[name] = {**made, "shape": document.shape_entry(one.outline)}
         work.ops += (
             [{"add": ["objects", name], "value": made}] if name in work.fresh else written(work, name, made)
         )
     for name in painted.stored.keys() - objects.keys():
         work.ops.append({"set": ["objects", name, "mask"], "value": painted.stored[name]})
     _write_maps(work, out, painted, list(objects.values()))
+    _write_record(out, entries, painted.after)
+
+
+def _write_record(folder: Path, entries: Mapping[str, Data], labels: U16) -> None:
+    """Write the corrected objects, as they are now, into the outlines and the record of perception, where these are."""
+    for file in (OUTLINES, RECORD):
+        found = read_record(folder / file)
+        known = found if file == OUTLINES else found.get("objects")
+        if not isinstance(known, dict) or not known:
+            continue
+        for entry in entries.values():
+            id_ = str(entry["mask"])
+            was: Data = known[id_] if isinstance(known.get(id_), dict) else {}
+            if file == RECORD:  # a velocity is the user's where it differs
+                known[id_] = {"velocity": [0, 0], **was, **entry} | {"velocity": was.get("velocity", [0, 0])}
+            else:
+                solid = {"solid": entry["solid"]} if "solid" in entry else {}
+                stored = {"crc": mask_crc(labels, entry["mask"]), "shape": entry["shape"]}
+                known[id_] = {**{key: was[key] for key in was.keys() & {"solid"}}, **solid, **stored}
+        write_atomic(folder / file, json.dumps(found, ensure_ascii=False).encode() + b"\n")
 
 
 def _paint(work: Correction) -> Painted:
@@ -218,7 +241,7 @@ def _entry(work: Correction, name: str, one: PhotoObject, labels: U16) -> Data:
             made["mass"] = float(f"{joined_mass(work, source, work.gone):.4g}")
         elif work.fresh:
             share = count(labels == one.id) / max(count(work.mask(source)), 1)
-            made["mass"] = float(f"{grams(made['mass']) * share:.4g}")
+            made["mass"] = float(f"{joined_mass(work, source) * share:.4g}")
     return made
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from physgen import registry
 from physgen.edit.live import CompiledScene, Live
+from physgen.edit.operations import edited
 from physgen.geometry.polygon import Disc, mass_properties
 from physgen.geometry.scale import is_assumed, photo_object
 from physgen.maps import U16, Percepts
@@ -20,7 +21,6 @@ from physgen.perceive.roles import BoundaryGuess, Detections, Name, PhotoObject
 from physgen.problems import InputError, impossible
 from physgen.scene.provenance import perceived_keys
 from physgen.scene.scene import Scene
-from physgen.text import quantity
 
 Data = dict[str, Any]
 Mask = NDArray[np.bool_]
@@ -106,11 +106,16 @@ def table_keys(was: Data) -> set[str]:
     return perceived_keys(was, registry.find("physics").name)
 
 
-def new_entry(work: Correction, labels: U16, one: PhotoObject, name: str, label: Name | None) -> Data:
-    """The entry of a new object as perception writes it; `label` None: a user named it, with `one.label`."""
-    stated = work.scene.world.pixels_per_meter
-    scale = None if is_assumed(stated, max(work.scene.size)) else stated
-    matter = registry.make("physics")(work.maps.rgb, [one], scale)
+def new_entry(
+    work: Correction, labels: U16, one: PhotoObject, name: str, label: Name | None, scale: float | None = None
+) -> Data:
+    """The entry of a new object as perception writes it; `label` None: a user named it, with `one.label`.
+
+    `scale` is that of the scene, px/m, where it follows the label.
+    """
+    stated = scale or work.scene.world.pixels_per_meter
+    known = None if is_assumed(stated, max(work.scene.size)) else stated
+    matter = registry.make("physics")(work.maps.rgb, [one], known)
     made, _ = document.object_entries(
         Detections(labels, "drawn", {}, {}),
         [one],
@@ -134,7 +139,11 @@ def changed_entry(
     """
     was = work.was(source)
     ours = table_keys(was)
-    result = rewritten(was, new_entry(work, labels, one, name, None), ours)
+    scale = None
+    if label is not None:
+        named = edited(work.text, [{"set": ["objects", name, "label"], "value": label}]).text
+        scale = work.live.state(named).scene.world.pixels_per_meter
+    result = rewritten(was, new_entry(work, labels, one, name, None, scale), ours)
     if label is not None:
         result["label"] = label
         if "from" in result:
@@ -159,19 +168,9 @@ def changed_entry(
     return result
 
 
-def joined_mass(work: Correction, kept: str, other: str) -> float:
-    """g: the sum of two masses, of which the first is set."""
-    more = work.was(other)
-    area = max(float(mass_properties(work.photo_object(other).outline).area), 1e-9)
-    density = more.get("density", 1.0)
-    scale = work.scene.world.pixels_per_meter
-    each = density if not isinstance(density, str) else quantity(density, "g/px²", scale) or 0.0
-    return grams(work.was(kept)["mass"]) + (grams(more["mass"]) if "mass" in more else each * area)
-
-
-def grams(mass: float | str) -> float:
-    """A mass as it is written, in g."""
-    return (quantity(mass, "g", 1.0) or 0.0) if isinstance(mass, str) else mass
+def joined_mass(work: Correction, *names: str) -> float:
+    """g: the sum of masses."""
+    return sum(work.sight.compiled.world.bodies[work.index(name)].mass for name in names)
 
 
 def written(work: Correction, name: str, made: Data) -> list[Data]:

@@ -430,3 +430,31 @@ def test_a_scene_without_a_photo_has_nothing_to_mask(copied: Callable[[str], Pat
     desk.text = "physgen: [\n"
     with pytest.raises(EditError, match="has an error"):
         desk.do(kind="box", box=[1, 1, 50, 50], object=None)
+
+
+def test_what_perception_wrote_stays_so_after_masks_and_labels_are_corrected(desk: Desk) -> None:
+    """Sources stay true: what follows from a corrected mask or label is perception's, and what a user set is not."""
+    disc, block = by_place(desk)
+
+    def sources(name: str) -> dict[str, str]:
+        scene = desk.live.state(desk.text).scene
+        return dict(next(item.provenance for item in scene.objects if item.name == name))
+
+    before = sources(disc)
+    old = (desk.maps / "perceived.json").read_bytes()
+    first = desk.maps
+    desk.do(kind="box", box=[44, 34, 53, 53], object=None)
+    after = sources(disc)
+    assert after.keys() == before.keys()
+    assert after["mask"].startswith("pointed at")
+    assert (first / "perceived.json").read_bytes() == old, "of the folder that an undo leads to"
+    for label in ("steel ball", "billiard ball", "cork ball"):
+        desk.do(kind="relabel", object=disc, label=label)
+        assert sources(disc).keys() == before.keys() - {"label"}, label
+        mass = desk.live.state(desk.text).scene.document["objects"][disc]["mass"]
+        assert desk.entry(disc)["mass"] == mass, "the file has the number that is used"
+    desk.text = desk.text.replace(f"mass: {desk.entry(block)['mass']:g}", "mass: 4321")
+    assert "mass" not in sources(block)
+    desk.do(kind="eraser", object=block, strokes=[[float(X[BLOCK].min()), float(Y[BLOCK].min())]], radius=6.0)
+    assert "mass" not in sources(block)
+    assert "friction" in sources(block)
