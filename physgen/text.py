@@ -163,7 +163,7 @@ def value_text(value: object) -> str:
         return ", ".join(f"{name} {value_text(part)}" for name, part in value.items())
     if isinstance(value, Iterable) and not isinstance(value, str):
         parts = [*value]
-        text = ", ".join(map(value_text, parts))
+        text = ", ".join(rounded(part, 4) if isinstance(part, float) else value_text(part) for part in parts)
         return f"({text})" if any(isinstance(part, float) for part in parts) else text
     return "" if value is None else str(value)
 

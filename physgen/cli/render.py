@@ -20,7 +20,7 @@ def add(parser: Parser) -> None:
     about = (
         "push an object: ball-1=right, ball-1=up-left, ball-1=30@2 m/s (degrees, 90 is down); may be repeated"
     )
-    parser.option("--push", "NAME=WAY", str, about, [], action="append")
+    parser.option("--push", "NAME=DIRECTION", str, about, [], action="append")
     about = "lift an object by its own height and let it fall; may be repeated"
     parser.option("--drop", "NAME", str, about, [], action="append")
     about = "strike what is at a point of the photo, from that side; X,Y@SPEED says how hard; may be repeated"

@@ -29,7 +29,7 @@ class CollisionTuning:
     few: int = 30
     """Passes over points that close together, at most; few in a heap of hundreds."""
     rounds: int = 400
-    """Blows in a row within one instant; what still closes then is left to the engine, as if it did not bounce."""
+    """Impacts in a row within one instant; what still closes then is left to the engine, as if it did not bounce."""
     faint: float = 1e-4
     """Of a step's hardest impact: what closes more slowly after it is left to the engine, or echoes would never end."""
     exact: float = 1e-13
