@@ -386,3 +386,38 @@ def test_refreshes_keep_the_copied_photo_and_touch_no_file_that_the_record_alone
     assert "400 g" in scene.read_text()
     assert (home / "scene.assets" / "photo.png").read_bytes() == (perceived / "photo.png").read_bytes()
     assert victim.exists()
+
+
+def test_show_prints_what_the_scene_uses_and_how_sure_each_object_is(
+    scene: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene.write_text(scene.read_text().replace("mask: 2", "mask: 2\n    confidence: 0.27", 1))
+    capsys.readouterr()
+    assert main(["show", str(scene), "--json", "--set", "objects.ball-1.label=steel ball"]) == 0
+    rows = json.loads(capsys.readouterr().out)["objects"]
+    loaded = pipeline.load(scene, ["objects.ball-1.label=steel ball"])
+    record = json.loads((scene.parent / "scene.assets" / "perceived.json").read_text())["objects"]
+    for row, item in zip(rows, loaded.objects, strict=True):
+        assert row["mass_g"] == pytest.approx(item.mass)
+        sure = float(record[str(item.mask.id)]["from"]["mask"].split()[-1])  # type: ignore[union-attr]
+        assert row["confidence"] == sure
+    assert main(["show", str(scene)]) == 0
+    head, *lines = capsys.readouterr().out.splitlines()
+    column = head.index("confidence")
+    assert [float(line[column:]) for line in lines] == [row["confidence"] for row in rows]
+
+
+def test_a_configuration_in_the_folder_is_named_and_not_read(
+    scene: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(scene.parent)
+    command = ["perceive", "photo.png", "--masks", "marked.png", "--still", "-o", "new.yaml"]
+    said = "physgen.toml: the one in this folder is not read; --config physgen.toml reads it\n"
+    assert main(command) == 0
+    assert said not in capsys.readouterr().err
+    Path("physgen.toml").write_text('[backend]\nphysics = "nonsense"\n')
+    assert main(command) == 0
+    assert said in capsys.readouterr().err
+    assert main([*command, "--config", "physgen.toml"]) == 2
+    assert "nonsense" in (err := capsys.readouterr().err)
+    assert said not in err
