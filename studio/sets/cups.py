@@ -253,7 +253,7 @@ def stage() -> Stage:
     return Stage(
         "cups",
         "White on white: cups, a saucer, a milk jug, sugar and an egg in the light of an overcast sky.\n"
-        "The upper cup of the tower gets a nudge, throws the lid off the sugar bowl and leans there.",
+        "The upper cup of the tower gets a flick, throws the lid off the sugar bowl and tumbles over the egg.",
         CAMERA,
         [jug(-0.0996), *tower(-0.0005), *sugar(0.1003), egg(0.1723)],
         room(),
@@ -269,7 +269,7 @@ def stage() -> Stage:
 def sections(camera: Camera) -> dict:
     rim = [round(v, 1) for v in camera.pixel((-0.035, CUP + 0.052))]
     return {
-        "forces": [{"object": "cup-2", "impulse": camera.push((0.18, 0)), "at": rim}],
+        "forces": [{"object": "cup-2", "impulse": camera.push((0.227, 0)), "at": rim}],
         "render": {"frames": 72, "fps": 30},
         "variants": {
             "gentle": {"forces[0].impulse": camera.push((0.095, 0))},
@@ -277,7 +277,7 @@ def sections(camera: Camera) -> dict:
             "slippery": {"objects.*.friction": 0.04},
         },
         "comments": {
-            "forces[0].impulse": "0.18 N s, a flick of the finger",
+            "forces[0].impulse": "0.227 N s, a flick of the finger",
             "render": "half speed",
             "variants.gentle": "the cup rocks and stays on its saucer",
             "variants.hard": "both fall to the table",

@@ -192,10 +192,10 @@ def stage() -> Stage:
 
     def sections(c: Camera) -> dict:
         return {
-            "forces": [{"object": "ball", "impulse": c.push((0.19 * 1.2, 0))}],
+            "forces": [{"object": "ball", "impulse": c.push((0.19 * 3.2, 0.19 * 0.8))}],
             "variants": {
                 "gentle": {"forces[0].impulse": c.push((0.19 * 0.5, 0))},
-                "kicked": {"forces[0].impulse": c.push((0.19 * 3.2, 0.19 * 0.8))},
+                "pushed": {"forces[0].impulse": c.push((0.19 * 1.2, 0))},
                 "no-elephant": {"objects.elephant": None},
                 "bowling-ball": {"objects.ball.mass": 1200, "forces[0].impulse": c.push((1.2 * 1.2, 0))},
             },
@@ -203,8 +203,8 @@ def stage() -> Stage:
 
     return Stage(
         "shelf",
-        "A leather ball lies on two books in a bookcase and gets a push: it rolls off, onto a wooden elephant.\n"
-        "Behind the elephant stand three more books. Pushed gently it only drops; kicked, it flies over the elephant.",
+        "A leather ball lies on two books in a bookcase and gets a kick: it flies over a wooden elephant.\n"
+        "Behind the elephant stand three more books, and they lean now. Pushed less, it rolls onto the elephant or only drops.",
         camera,
         [ball, toy, *books()],
         scenery,
@@ -214,7 +214,7 @@ def stage() -> Stage:
             "left-side": Boundary([(-INSIDE, 0), (-INSIDE, 0.8)], 0.4, 0.6),
             "right-side": Boundary([(INSIDE, 0), (INSIDE, 0.8)], 0.4, 0.6),
         },
-        duration=1.2,
+        duration=1.5,
         softness=1.7,
         backdrop=0.14,
         exposure=1.75,

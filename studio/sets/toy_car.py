@@ -128,7 +128,7 @@ def clutter() -> dict[str, Part]:
 def stage() -> Stage:
     camera = Camera("side", height=0.60, centre=(0.0, 0.20), rise=(0.05, 0.27), aperture=0.07)
     parts = body()
-    drive = 1.7  # m/s
+    drive = 1.5  # m/s
     turn = float(np.degrees(drive / WHEEL))
     things = [
         Thing(
@@ -211,7 +211,7 @@ def stage() -> Stage:
 
     return Stage(
         "toy-car",
-        "A toy car runs up a ramp at 1.7 m/s, takes off and meets two blocks. Its wheels turn on pins.\n"
+        "A toy car runs up a ramp at 1.5 m/s, takes off and lands on a block. Its wheels turn on pins.\n"
         "The video is slow motion, one second in two. Without the blocks (free-road) it drives on.",
         camera,
         things,
