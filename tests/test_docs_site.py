@@ -58,6 +58,15 @@ def test_the_site_is_whole_on_a_desk_and_a_phone(
             golden = ROOT / "tests" / "golden_pages" / f"docs-{look}.webp"
             complaints.append(looks_like(page, golden, renew=pytestconfig.getoption("force_regen")))
             page.close()
+        page = browser.new_page(viewport=DESK)
+        page.on("request", lambda one: one.url.startswith("file:") or complaints.append(one.url))
+        page.goto((tmp_path / "index.html").as_uri(), wait_until="load")
+        page.wait_for_selector("[data-md-component=search-query]", state="attached")
+        page.keyboard.press("/")
+        page.wait_for_selector("[data-md-component=search-query]:focus")
+        page.keyboard.type("elasticity", delay=50)
+        page.wait_for_selector(".md-search-result__item")  # found from disk, without a server
+        page.close()
     finally:
         server.shutdown()
     assert [one for one in complaints if one] == []
