@@ -201,7 +201,6 @@ def refresh(
     warning for objects inside them.
     """
     from physgen.compile.compile import compile_scene
-    from physgen.geometry.scale import is_assumed
     from physgen.maps import read_percepts
     from physgen.perceive.document import relabel_objects, write_scene
     from physgen.perceive.perceive import fit_objects
@@ -257,7 +256,7 @@ def refresh(
         replace(begun.found, names=labels, layers=layer_of),
         crew=crew,
         view=scene.world.view,
-        pixels_per_meter=None if scaled or is_assumed(per_meter, side) else per_meter,
+        pixels_per_meter=None if scaled else per_meter,
         progress=progress,
     )
     new_labels = {called[item.id]: item.label for item in named if item.id in renamed}

@@ -137,12 +137,18 @@ def follows_scale(scene: Entry, record: Record, side: int) -> bool:
     moving = ("velocity", "spin", "roll", "density")
     chosen = any(scene.get(key) for key in SCALED_SECTIONS) or "gravity" in scene.get("world", {})
     if chosen or any(
-        key in was and not equal(was[key], record.entry(name, was).get(key, [0, 0]))
+        key in was and not (_metric(was[key]) or equal(was[key], record.entry(name, was).get(key, [0, 0])))
         for name, was in scene["objects"].items()
         for key in moving
     ):
         return False
     return not scale_is_given(scene, record, side)
+
+
+def _metric(value: object) -> bool:
+    """Whether a speed is in m/s or the like, and so the same at any scale."""
+    parts = value if isinstance(value, list) else [value]
+    return all(part == 0 or (isinstance(part, str) and "px" not in part) for part in parts)
 
 
 def scale_is_given(scene: Entry, record: Record, side: int) -> bool:

@@ -246,6 +246,14 @@ def test_a_scale_that_motions_were_made_for_stays(scene: Path) -> None:
     scene.write_text(yaml.safe_dump(document))
     after, _ = refreshed(scene, "--label", "*=billiard ball")
     assert after.world.pixels_per_meter == 600
+    (mass,) = {item.mass for item in after.objects if isinstance(item.shape.stored, Circle)}  # type: ignore[union-attr]
+    assert mass > 500, "a ball of 10 cm: masses have the scene's scale"
+    del document["forces"]
+    for velocity, stays in (([120, 0], True), (["20 cm/s", 0], False)):  # which is 20 cm/s at any scale
+        document["objects"]["ball-1"]["velocity"] = velocity
+        scene.write_text(yaml.safe_dump(document).replace("label: ball", "label: billiard ball"))
+        assert (pipeline.load(scene).world.pixels_per_meter == 600) is stays
+        assert (refreshed(scene)[0].world.pixels_per_meter == 600) is stays
 
 
 def test_a_refreshed_scene_needs_a_place(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
