@@ -1,8 +1,9 @@
-"""Seconds a stage and peak memory of `physgen perceive`, by the photo's size; each run is a process of its own."""
+"""`physgen perceive`: seconds a stage and peak memory, by the photo's size; and what first clips show."""
 
 from __future__ import annotations
 
 import json
+import os
 import sys
 import tempfile
 import time
@@ -10,6 +11,10 @@ from pathlib import Path
 from subprocess import run
 
 import cv2
+import numpy as np
+import yaml
+
+from physgen.simulate.trajectory import read_trajectory
 
 ROOT = Path(__file__).resolve().parents[1]
 PHOTOS = ("kitchen", "billiards")
@@ -53,6 +58,36 @@ def timed(photo: Path) -> dict:
         stages[stage] = round(stages.get(stage, 0.0) + after - at, 2)
     status = Path("/proc/self/status").read_text().split("VmHWM:")[1]
     return {"objects": objects, "stages": stages, "memory": round(int(status.split()[0]) / 1024)}
+
+
+def first_clips(folder: Path) -> list[dict]:
+    """`perceive`, then `render`: what moves, also with `--still`, and how long the file is; bundled photos, peers'."""
+    photos = {path.parent.name: path for path in sorted((ROOT / "scenes").glob("*/photo.png"))}
+    if peers := os.environ.get("PHYSGEN_PEER_SCENES"):
+        photos |= {f"peer-{path.parent.name}": path for path in sorted(Path(peers).glob("*/original.png"))}
+    rows = []
+    for name, photo in photos.items():
+        row: dict = {"photo": name}
+        for key, flags in (("moved", []), ("still", ["--still"])):
+            scene = folder / key / f"{name}.yaml"
+            scene.parent.mkdir(exist_ok=True)
+            for command in (
+                ["perceive", str(photo), "-o", str(scene), *flags],
+                ["render", str(scene), "--preview", "-o", str(folder / key)],
+            ):
+                run([sys.executable, "-m", "physgen", *command], check=True, capture_output=True)
+            loaded = read_trajectory(folder / key / name / "trajectory.npz")
+            off = np.hypot(*np.moveaxis(loaded.poses[..., :2] - loaded.poses[:1, :, :2], -1, 0))
+            row[key] = round(float(off.max(initial=0.0)), 2)
+        document = yaml.safe_load((folder / "moved" / f"{name}.yaml").read_text())
+        first, last = (_line_of(folder / "moved" / f"{name}.yaml", key) for key in ("objects", "boundaries"))
+        row |= {"objects": len(document["objects"]), "lines": last - first - 1}
+        rows.append(row)
+    return rows
+
+
+def _line_of(scene: Path, key: str) -> int:
+    return next(k for k, line in enumerate(scene.read_text().splitlines()) if line.startswith(f"{key}:"))
 
 
 if __name__ == "__main__":

@@ -48,7 +48,7 @@ from growth import growth, plot
 from kills import kills
 from labels import labels
 from paper import controllability, properties, runtime
-from perceiving import perceiving
+from perceiving import first_clips, perceiving
 from percepts import percepts
 from physics.run import physics, rivals
 from plausibility.run import plausibility
@@ -189,7 +189,7 @@ PARTS |= {
     "ghosts": ghosts,
 }
 PARTS |= {"frames": frame_costs}
-PARTS |= {"prompts": prompts, "perceive": perceiving, "percepts": percepts}
+PARTS |= {"prompts": prompts, "perceive": perceiving, "first": first_clips, "percepts": percepts}
 PARTS |= {
     "refine": refining,
     "gallery": gallery,

@@ -246,7 +246,7 @@ def _prompts(rows: list[dict]) -> list[str]:
 
 def _perceive(rows: list[dict]) -> list[str]:
     body = []
-    for row in rows:
+    for row in (row for row in rows if row["width"] > 1000):
         finding = row["stages"]["segment"]
         rest = sum(row["stages"].values()) - finding
         size = f"{row['width']} x {row['height']}"
@@ -256,6 +256,18 @@ def _perceive(rows: list[dict]) -> list[str]:
         "",
         *table(["photo", "px", "objects", "finding objects", "all the rest", "MiB"], body),
     ]
+
+
+def _first(rows: list[dict]) -> list[str]:
+    """What a first clip shows, against its bars."""
+    peers = sum(row["photo"].startswith("peer-") for row in rows)
+    body = [
+        ["px moved, least", f"{min(row['moved'] for row in rows):.0f}", "30"],
+        ["px moved with `--still`, most", f"{max(row['still'] for row in rows):.2g}", "1"],
+        ["lines an object, most", f"{max(row['lines'] / row['objects'] for row in rows):.2g}", "10"],
+    ]
+    head = f"`perceive`, then `render`: {len(rows) - peers} bundled photos, {peers} of peers."
+    return [head, "", *table(["of a clip", "measured", "bar"], body)]
 
 
 def _percepts(rows: list[dict]) -> list[str]:
@@ -274,8 +286,6 @@ def _percepts(rows: list[dict]) -> list[str]:
     lines = (
         ("view is right, masks given", lambda part: share(part, "view")),
         ("view is right, masks found", lambda part: share(part, "view_found")),
-        ("largest motion in 2 s without a push, px, masks given", lambda part: mean(part, "still", 1)),
-        ("the same, masks found", lambda part: mean(part, "still_found", 1)),
         ("floor found under objects on one, to 3 px", lambda part: total(part, "supported", "standing")),
         ("light, error in degrees", lambda part: mean(part, "light", 0)),
         ("masses within a factor of 2, names given", lambda part: total(part, "mass", "weighed")),
@@ -352,6 +362,7 @@ SECTIONS = {
     "Frames": ("frames", _frames),
     "Starting": ("start", _start),
     "Perceiving large photos": ("perceive", _perceive),
+    "First clips": ("first", _first),
     "Growth with bodies": ("growth", _growth),
     "Ground truth": ("labels", _labels),
     "Editor": ("editor", editor.table),
