@@ -9,13 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from browser import LOOKS
+from browser import LOOKS, looks_like
 from desk import Desk, seated
 
 from physgen.cli.main import main
 from physgen.simulate.trajectory import read_trajectory
 
 pytestmark = pytest.mark.slow
+
+GOLDEN = Path(__file__).parent.parent / "golden_pages"
 
 G = 400.0
 SCENE = f"""\
@@ -161,13 +163,14 @@ def test_each_drag_is_one_step_back_and_an_arrow_can_be_changed_by_its_tip(
 
 @pytest.mark.parametrize("look", LOOKS)
 def test_nothing_lies_over_the_photo(
-    browser: Any, serving: Callable[..., Any], scene: Path, look: str
+    browser: Any, serving: Callable[..., Any], scene: Path, look: str, pytestconfig: pytest.Config
 ) -> None:
-    """Neither first steps, messages and warnings nor the controls, so that no object is covered."""
+    """First steps, messages, warnings and controls cover no object; and the page looks as it did."""
     with seated(browser, serving(scene).address, hint=True, **LOOKS[look]) as desk:
         desk.page.evaluate(
             "() => { window.editor.say('Nothing', 'error'); document.querySelector('.stale').hidden = false; }"
         )
+        desk.page.evaluate("() => window.editor.watched")  # all is simulated
         desk.drawn()
         photo = desk.page.locator("[data-part=scene]").bounding_box()
         seen = []
@@ -186,3 +189,7 @@ def test_nothing_lies_over_the_photo(
             ".map(e => e.outerHTML)"
         )
         assert names == [], "controls without a name"
+        assert (
+            looks_like(desk.page, GOLDEN / f"editor-{look}.webp", renew=pytestconfig.getoption("force_regen"))
+            == ""
+        )
