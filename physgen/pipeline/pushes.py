@@ -202,6 +202,8 @@ def motion_edits(
             raise InputError.of("--drop", f'"{name}"', "cannot fall: the photo is seen from above", fix)
         edits |= _let_go(item)
         edits[f"objects.{item.name}.place"] = _lifted(scene, compiled, item)
+        if any(item.velocity):  # it falls straight, unless it is pushed, too
+            edits.setdefault(f"objects.{item.name}.velocity", [0, 0])
     made = [_kick(scene, compiled, text) for text in kicks]
     for item, _ in made:
         edits |= _let_go(item)

@@ -72,6 +72,10 @@ def test_shorthands_are_edits(row: Path) -> None:
     assert edits["objects.domino-2.place"] == [144, 60]  # by its own height
     (kick,) = edits["forces"]
     assert kick == {"object": "domino-0", "impulse": [-50.0 * 8 * 60, 0.0], "at": [104, 95]}
+    moving = pipeline.load(row, ["objects.domino-2.velocity=[90, 0]"])
+    for pushes, velocity in (([], [0, 0]), (["domino-2=left@70"], [-70, 0])):
+        edits = motion_edits(moving, compiled, pushes, ["domino-2"], [])
+        assert edits["objects.domino-2.velocity"] == velocity
     edits = motion_edits(scene, compiled, ["domino-1=right@2 m/s"], [], ["13 cm,95@6.25 cm/s"])
     assert edits["objects.domino-1.velocity"] == ["2 m/s", 0], "in the user's units"
     (metric,) = edits["forces"]
