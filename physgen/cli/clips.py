@@ -74,6 +74,8 @@ def preview_edits(
     count = film.frames or max(1, round(film.fps * length))
     few = min(count, PREVIEW_FRAMES)
     edits = [f"render.frames={few}", f"render.fps={max(1.0, film.fps * few / count):g}"]
+    if scene.world.until_rest:  # how long it takes is not known
+        edits = []
     edits += ["render.motion_blur=0", "render.supersample=1"]
     given = [edit.partition("=")[0] for edit in (*options.set, *further)]  # the user's own edits stay
     if not {"render.size", "render.scale"} & set(given):

@@ -202,7 +202,7 @@ def compile_shapes(scene: Scene, shapes: Shapes) -> Compiled:
         combine=scene.world.combine,
         duration=scene.world.duration,
         steps_per_second=scene.world.steps_per_second,
-        times=frame_times(scene),
+        times=frame_times(scene, scene.world.duration),
         bodies=tuple(bodies),
         walls=walls_of(scene, shapes.fits.walls),
         pushes=pushes_of(scene, bodies),
@@ -212,12 +212,12 @@ def compile_shapes(scene: Scene, shapes: Shapes) -> Compiled:
     return Compiled(world, outlines, shapes)
 
 
-def frame_times(scene: Scene) -> Array:
+def frame_times(scene: Scene, duration: float) -> Array:
     """(T,) s: k duration / frames where `render.frames` is given, else k / rate for rate x duration frames.
 
     The rate is fps times slow: slow motion has more frames of the same motion.
     """
-    duration, render = scene.world.duration, scene.render
+    render = scene.render
     rate = render.fps * render.slow
     if render.frames is None and rate * duration > Limit.FRAMES.most:
         found = f"{rate * duration:,.0f} frames"

@@ -111,7 +111,32 @@ def compile(scene: Scene, maps: Percepts | None) -> Compiled:
     """Outlines, centres, masses, moments and pairs, resolved."""
     from physgen.compile.compile import compile_scene
 
-    return compile_scene(scene, None if maps is None else maps.labels)
+    return ended(scene, compile_scene(scene, None if maps is None else maps.labels))
+
+
+def ended(scene: Scene, compiled: Compiled) -> Compiled:
+    """The same with `duration: auto` resolved: 0.5 s of video after the last motion that shows."""
+    from physgen.compile.compile import frame_times
+
+    if not scene.world.until_rest:
+        return compiled
+    slow = 1.0 if scene.render.frames is not None else scene.render.slow
+    world, pause = compiled.world, 0.5 / slow
+    reach = np.array([body.reach for body in world.bodies] or [0.0])
+    for length in (1.25 / slow, 2.5 / slow, 5 / slow, scene.world.duration / slow):
+        times = np.arange(0.0, length, pause / 15)
+        poses = simulate(replace(world, duration=length, times=times)).poses
+        off = np.abs(poses - poses[-1:]) * np.array([1.0, 1.0, 0.0])
+        off[..., 2] = np.abs(poses[..., 2] - poses[-1:, :, 2]) * reach
+        out = ((poses[..., :2] < -reach[:, None]) | (poses[..., :2] > reach[:, None] + world.size)).any(
+            axis=2
+        )
+        moving = (off.max(axis=2, initial=0) > 1) & ~out
+        last = float(times[moving.any(axis=1)].max(initial=0.0))
+        if last <= length - 2 * pause:
+            break
+    end = min(max(last + pause, 1 / slow), scene.world.duration / slow)
+    return replace(compiled, world=replace(world, duration=end, times=frame_times(scene, end)))
 
 
 def lint(scene: Scene, compiled: Compiled, maps: Percepts | None = None) -> list[Problem]:
@@ -338,7 +363,7 @@ class Stages:
         objects = [(item.mask, item.shape, item.layer) for item in scene.objects]
         masks = [item.mask for item in scene.boundaries]
         read = key("shapes", maps.key, scene.size, objects, masks)
-        return compile_shapes(scene, self._shapes.of(read, lambda: shapes_of(scene, labels)))
+        return ended(scene, compile_shapes(scene, self._shapes.of(read, lambda: shapes_of(scene, labels))))
 
     def stage(self, scene: Scene, compiled: Compiled, maps: Maps) -> Stage:
         """See `stage`."""

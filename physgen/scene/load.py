@@ -135,6 +135,14 @@ def _edited(root: Node, overrides: Sequence[str], variant: str | None, source: S
     return root
 
 
+LONGEST = 10.0
+"""s of a clip that ends when all rests."""
+
+
+class _Open(float):
+    """The number that stands for `auto`."""
+
+
 def in_numbers(root: Node) -> Node:
     """The tree with numbers in place of texts with units that fit; the schema reports the others.
 
@@ -149,6 +157,8 @@ def in_numbers(root: Node) -> Node:
     def changed(node: Node, part: Schema, path: KeyPath, unit: str) -> Node:
         value = node.value
         if isinstance(value, str):
+            if path == ("world", "duration") and value.strip() == "auto":
+                return node.with_value(_Open(LONGEST))
             number = quantity(value, unit, scale) if unit else None
             if number is None or part.get("type") not in ("number", "array"):
                 return node
@@ -292,7 +302,12 @@ def scene_from_tree(root: Node, record: Record, name: str, source: Source, groun
         image=None if ground.image is None else Path(os.path.realpath(ground.image)),
         size=ground.size,
         assets=None if ground.assets is None else Path(os.path.realpath(ground.assets)),
-        world=_make(parts.Settings, world, table_friction=float(world["table"]["friction"])),
+        world=_make(
+            parts.Settings,
+            world,
+            table_friction=float(world["table"]["friction"]),
+            until_rest=isinstance(world["duration"], _Open),
+        ),
         objects=tuple(_outlined(item, ground) for item in _named(data["objects"], _object)),
         boundaries=_named(data["boundaries"], _boundary),
         forces=tuple(map(_force, data["forces"])),

@@ -465,6 +465,8 @@ class Settings:
     table_friction: float
     combine: Combine
     duration: float
+    until_rest: bool
+    """`duration: auto`: a clip ends when all rests; `duration` is the longest that it may take."""
     steps_per_second: float
     tilt: float
     """degrees by which the camera looks down on the floor, seen from the side."""

@@ -204,7 +204,7 @@ def stage() -> Stage:
     return Stage(
         "shelf",
         "A leather ball lies on two books in a bookcase and gets a kick: it flies over a wooden elephant.\n"
-        "Behind the elephant stand three more books, and they lean now. Pushed less, it rolls onto the elephant or only drops.",
+        "Behind the elephant stand three more books, and they lean now.",
         camera,
         [ball, toy, *books()],
         scenery,

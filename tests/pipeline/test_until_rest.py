@@ -1,0 +1,62 @@
+"""`duration: auto` ends a clip when all rests, beside the closed form of a fall."""
+
+from __future__ import annotations
+
+from math import sqrt
+from pathlib import Path
+
+import pytest
+
+from physgen import pipeline
+from physgen.pipeline.stages import Maps, Stages
+from physgen.scene.scene import Scene
+
+FALL = """\
+physgen: 1
+size: [200, 300]
+world: {{view: side, gravity: [0, 200], duration: {}}}
+objects: {{a: {{shape: {{box: {{center: [100, 40], size: [20, 20]}}}}, elasticity: 0}}}}
+boundaries: {{floor: {{segment: [[0, 250], [200, 250]], elasticity: 0}}}}
+render: {{slow: {}}}
+"""
+GLIDES = """\
+physgen: 1
+size: [200, 200]
+world: {{view: top, duration: auto, table: {{friction: 0}}}}
+objects: {{a: {{shape: {{circle: {{center: [50, 100], radius: 10}}}}, velocity: [{}, 0]}}}}
+"""
+
+
+def opened(tmp_path: Path, text: str) -> Scene:
+    path = tmp_path / "scene.yaml"
+    path.write_text(text)
+    return pipeline.load(path)
+
+
+@pytest.mark.parametrize("slow", [1, 4])
+def test_a_clip_ends_half_a_second_of_video_after_a_fall(tmp_path: Path, slow: int) -> None:
+    scene = opened(tmp_path, FALL.format("auto", slow))
+    world = pipeline.compile(scene, None).world
+    fallen = sqrt(2 * 200 / 200)  # s, from 40 + 10 to 250 px
+    assert world.duration == pytest.approx(fallen + 0.5 / slow, abs=0.08)
+    assert len(world.times) == round(30 * slow * world.duration)
+    assert Stages().compile(scene, Maps(None, "")).world.duration == world.duration
+
+
+def test_a_number_fixes_it_and_no_key_is_two_seconds(tmp_path: Path) -> None:
+    assert pipeline.compile(opened(tmp_path, FALL.format("0.7", 1)), None).world.duration == 0.7
+    text = FALL.format("auto", 1).replace(", duration: auto", "")
+    assert pipeline.compile(opened(tmp_path, text), None).world.duration == 2.0
+
+
+@pytest.mark.parametrize(
+    ("speed", "seconds"),
+    [
+        pytest.param(0, 1, id="nothing moves: a second"),
+        pytest.param(100, 160 / 100 + 0.5, id="it leaves the picture"),
+        pytest.param(3, 10, id="it never stops"),
+    ],
+)
+def test_what_left_the_picture_rests(tmp_path: Path, speed: float, seconds: float) -> None:
+    world = pipeline.compile(opened(tmp_path, GLIDES.format(speed)), None).world
+    assert world.duration == pytest.approx(seconds, abs=0.08)
