@@ -103,7 +103,7 @@ export function makePanels(editor, { row, title, heading, deeds, erase, renamed,
                           element(
                             "small",
                             {},
-                            f.impulse || f.force ? `${(f.impulse || f.force).map((v) => +v.toPrecision(3)).join(", ")}` : String(f.torque),
+                            f.impulse || f.force ? `(${(f.impulse || f.force).map((v) => v.toLocaleString("en", { maximumSignificantDigits: 3 })).join(", ")})`.replaceAll("-", "−") : String(f.torque),
                           ),
                         ),
                       ),

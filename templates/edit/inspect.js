@@ -13,7 +13,7 @@ export function start(editor) {
   const scene = () => editor.state?.scene,
     derived = (name) => editor.state?.derived?.objects?.[name];
   const meter = () => editor.state?.derived?.pixels_per_meter;
-  const si = (value, unit) => (Number.isFinite(value) ? `${+value.toPrecision(3)} ${unit}`.replace("-", "−") : "");
+  const si = (value, unit) => (Number.isFinite(value) ? `${value.toLocaleString("en", { maximumSignificantDigits: 3 })} ${unit}`.replace("-", "−") : "");
 
   // what a rebuilt panel depends on: which entry, and which keys it has
   const form = (entry) => {

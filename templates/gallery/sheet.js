@@ -23,7 +23,7 @@ function places(axis, shown) {
   if (axis.numeric && numbers.length > SINGLY) {
     const low = Math.min(...numbers), step = (Math.max(...numbers) - low) / BINS;
     const at = n => Math.min(Math.floor((values[n] - low) / step), BINS - 1);
-    const edge = k => String(Number((low + k * step).toPrecision(3)));
+    const edge = k => (low + k * step).toLocaleString("en", { maximumSignificantDigits: 3 });
     return { texts: Array.from({ length: BINS }, (_, k) => `${edge(k)} to ${edge(k + 1)}`), of: new Map(have.map(n => [n, at(n)])) };
   }
   const text = n => (axis.k < 0 ? values[n] || "as it is" : textsOf[axis.k].get(values[n]));

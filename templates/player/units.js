@@ -3,12 +3,12 @@
 const PREFIXES = [[1e9, "G"], [1e6, "M"], [1e3, "k"], [1, ""], [1e-3, "m"], [1e-6, "µ"], [1e-9, "n"]];
 const RAISED = "⁰¹²³⁴⁵⁶⁷⁸⁹";
 
-// three digits, no exponent, a real minus; for numbers about 1
+// three digits, thousands set apart, no exponent, a real minus
 function digits(value, count = 3) {
   if (!Number.isFinite(value)) return "–";
   if (Math.abs(value) < 1e-9) return "0";
   const places = clamp(count - 1 - Math.floor(Math.log10(Math.abs(value))), 0, 6);
-  return value.toFixed(places).replace("-", "−");
+  return value.toLocaleString("en", { minimumFractionDigits: places, maximumFractionDigits: places }).replace("-", "−");
 }
 
 // a number and its unit, which may begin with a power of ten
