@@ -194,7 +194,8 @@ def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
 
     begin = photo_poses(compiled.world)
     world = world_in_photo(compiled.world)
-    order = sorted(range(len(scene.objects)), key=lambda k: scene.objects[k].layer)
+    layers = [item.layer for item in scene.objects]
+    order = sorted(range(len(layers)), key=layers.__getitem__)
     fine = scene.render.supersample
     if maps is None:
         large = canvas_scale(scene)
@@ -205,7 +206,7 @@ def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
     absent = (maps.cut_out > 0) & (compiled.labels == 0) & ~compiled.scenery
     with single_threaded():
         shapes = compiled.shapes.outlines
-        sprites = cut_sprites(maps.rgb, compiled.labels, absent, coverage, background, order, shapes)
+        sprites = cut_sprites(maps.rgb, compiled.labels, absent, coverage, background, order, shapes, layers)
         made = lit_stage(scene, world, sprites, maps, background, coverage, absent)
     return replace(made, supersample=fine, starts=begin)
 

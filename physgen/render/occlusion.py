@@ -205,9 +205,8 @@ def _behind_slab(slab: Silhouette, x: F32, y: F32, toward: F32, setting: ShadowS
             seen, x + s * np.float32(lx) + left, y + s * np.float32(ly) + top, cv2.INTER_LINEAR, borderValue=0
         )
         np.maximum(blocked, there, out=blocked)
-    thin = np.clip(
-        way * np.float32(hypot(lx, ly)) / 2, 0, 1
-    )  # a face as near as the slab's own sees the light
+    # a face as near as the slab's own sees the light
+    thin = np.clip(way * np.float32(hypot(lx, ly)) / 2, 0, 1)
     return np.asarray(blocked * thin, np.float32)
 
 

@@ -226,9 +226,11 @@ def cut_sprites(
     background: U8,
     order: Sequence[int],
     shapes: Sequence[Outline] = (),
+    layers: Sequence[int] = (),
 ) -> list[Sprite]:
     """Sprites in drawing order, the farthest first; what others hide of their `shapes`, one a body, is completed.
 
+    Where `layers`, one a body, differ, the larger is in front, whatever seems hidden.
     `rgb`, `background` (H, W, 3) sRGB; `labels` (H, W), id k + 1 is body k; `absent` (H, W): objects of the photo that
     the scene leaves out, which vanish; `coverage` (H, W) of all objects together, absent ones too.
     """
@@ -238,7 +240,7 @@ def cut_sprites(
     for k, shape in enumerate(shapes):
         if k + 1 in boxes and (part := _hidden(labels, absent, k, shape, boxes[k + 1])) is not None:
             hidden[k], boxes[k + 1] = part, part.box
-    order = _hiding_last(order, hidden)
+    order = _hiding_last(order, hidden, layers or [0] * len(shapes))
     total = _soft((labels > 0) | absent)
     around = ((MARGIN, MARGIN), (MARGIN, MARGIN))
     sprites = []
@@ -316,15 +318,16 @@ def _between(mine: Mask, by: Mask) -> Mask:
     return found
 
 
-def _hiding_last(order: Sequence[int], hidden: Mapping[int, _Hidden]) -> list[int]:
-    """The drawing order, changed so that what hides another object is drawn after it.
+def _hiding_last(order: Sequence[int], hidden: Mapping[int, _Hidden], layers: Sequence[int]) -> list[int]:
+    """The drawing order, changed within a layer so that what hides another object is drawn after it.
 
-    Where each hides a part of the other, the smaller part stays hidden: its pixels leave the `hole`.
+    Pixels of what hides nothing leave the `hole`: what is in a farther layer, and of two that hide parts of each other
+    the one that hides less.
     """
     seen = {(k, j): int((h.labels[h.hole] == j + 1).sum()) for k, h in hidden.items() for j in order}
     before: dict[int, set[int]] = {k: set() for k in order}
     for k, by in sorted((pair for pair in seen if seen[pair]), key=seen.__getitem__, reverse=True):
-        if by in before[k]:
+        if by in before[k] or layers[by] < layers[k]:
             hidden[k].hole[hidden[k].labels == by + 1] = False
         else:
             for other in order:
@@ -344,10 +347,8 @@ def _completed(photo: F32, mask: Mask, light: F32, alpha: F32, part: _Hidden) ->
     level = np.log(photo + np.float32(CUT.dark))
     smooth = harmonic_fill(level, ~sure)
     weight = sure.astype(np.float32)
-    even = cv2.GaussianBlur(weight, (0, 0), CUT.texture)
-    even = (
-        cv2.GaussianBlur(level * weight[..., None], (0, 0), CUT.texture) / np.maximum(even, 1e-3)[..., None]
-    )
+    near = np.maximum(cv2.GaussianBlur(weight, (0, 0), CUT.texture), 1e-3)[..., None]
+    even = cv2.GaussianBlur(level * weight[..., None], (0, 0), CUT.texture) / near
     seeds = cv2.distanceTransformWithLabels(
         (~sure).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
     )[1]

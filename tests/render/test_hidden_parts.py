@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
 
 from physgen import pipeline
+from physgen.geometry.polygon import Region, Ring
 from physgen.maps import Percepts, write_assets
 from physgen.photometry import decode, encode_u8
+from physgen.render.sprites import cut_sprites
 from physgen.simulate.engine import simulate
 
 SCENE = """\
@@ -17,8 +21,8 @@ image: photo.png
 assets: photo.assets
 world: {{view: top, duration: 1, table: {{friction: 0}}}}
 objects:
-  back: {{mask: 1, shape: {back}}}
-  front: {{mask: 2, shape: {{box: {{center: [{x}, 60], size: [40, 90]}}}}, layer: {layer}, velocity: [0, 400]}}
+  {back}: {{mask: 1, shape: {shape}}}
+  {front}: {{mask: 2, shape: {{box: {{center: [{x}, 60], size: [40, 90]}}}}, layer: {layer}}}
 """
 BACK = {
     "ball": "{circle: {center: [80, 60], radius: 30}}",
@@ -45,36 +49,85 @@ def pictures(kind: str, x: float) -> tuple[np.ndarray, ...]:
     return ground, alone, both, labels
 
 
-@pytest.mark.parametrize("kind", BACK)
-@pytest.mark.parametrize("layer", [0, 1])
-def test_a_hidden_part_is_there_when_the_other_leaves(kind: str, layer: int, tmp_path) -> None:
+def frames(kind: str, names: str, layer: int, shift: float, folder: Path) -> tuple[np.ndarray, ...]:
+    """The photo; sRGB of the clip's first frame, and of one whose object in front is `shift` px farther right.
+
+    Within a layer objects are drawn in the order of their `names`: of the one behind, of the one in front.
+    """
     x = 104 if kind == "ball" else 80
-    ground, alone, both, labels = pictures(kind, x)
-    photo, background = encode_u8(both), encode_u8(ground)
-    cv2.imwrite(str(tmp_path / "photo.png"), photo[..., ::-1])
+    ground, _, both, labels = pictures(kind, x)
+    photo = encode_u8(both)
+    cv2.imwrite(str(folder / "photo.png"), photo[..., ::-1])
     write_assets(
         Percepts(
-            rgb=photo, labels=labels, coverage=(labels > 0).astype(np.float32), background=background,
+            rgb=photo, labels=labels, coverage=(labels > 0).astype(np.float32), background=encode_u8(ground),
             clean=None, depth=None, normals=None, albedo=None, shading=None,
         ),
-        tmp_path / "photo.assets",
+        folder / "photo.assets",
     )  # fmt: skip
-    path = tmp_path / "scene.yaml"
-    path.write_text(SCENE.format(back=BACK[kind], x=x, layer=layer))
+    path = folder / "scene.yaml"
+    back, front = names
+    path.write_text(SCENE.format(back=back, front=front, shape=BACK[kind], x=x, layer=layer))
     scene = pipeline.load(path)
     maps = pipeline.percepts(scene)
     compiled = pipeline.compile(scene, maps)
     track = simulate(compiled.world, np.array([0.0, 0.9]))
     still = np.repeat(track.poses[:1], 2, axis=0)
-    still[1, 1] = [x, 1000, 0]  # the one in front is far away, the other where it was
-    first, last = (
-        frame.rgb
-        for frame in pipeline.render(
-            pipeline.stage(scene, compiled, maps), type(track)(**(vars(track) | {"poses": still}))
-        )
-    )
+    still[1, [item.name for item in scene.objects].index(front), 0] += shift
+    moved = type(track)(**(vars(track) | {"poses": still}))
+    first, last = (f.rgb for f in pipeline.render(pipeline.stage(scene, compiled, maps), moved))
+    return photo, first, last
+
+
+@pytest.mark.parametrize("kind", BACK)
+@pytest.mark.parametrize("names", ["ab", "ba"])
+def test_a_hidden_part_is_there_when_the_other_leaves(kind: str, names: str, tmp_path: Path) -> None:
+    ground, alone, _, labels = pictures(kind, 104 if kind == "ball" else 80)
+    photo, first, last = frames(kind, names, 0, 1000, tmp_path)
     assert np.array_equal(first, photo)
     hidden = (labels == 2) & (np.abs(alone - ground).max(axis=2) > 0)
     inner = cv2.erode(hidden.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     off = np.abs(decode(last) - alone)[inner].mean()
     assert off < 0.3 * np.abs(ground - alone)[inner].mean()
+
+
+@pytest.mark.parametrize("layer", [-1, 0, 1])
+def test_a_layer_decides_what_is_in_front(layer: int, tmp_path: Path) -> None:
+    """Shifted by 24 px, the box covers what the photo shows of the plank, or goes behind it."""
+    photo, first, last = frames("plank", "ab", layer, 24, tmp_path)
+    assert np.array_equal(first, photo)
+    shown = np.s_[52:69, 108:120]  # the plank's alone in the photo, the box's place after the shift
+    other = np.s_[75:95, 108:120]  # the box alone
+    seen = "plank" if np.abs(last[shown].astype(int) - photo[shown]).max() <= 2 else "box"
+    assert seen == ("plank" if layer < 0 else "box")
+    assert np.abs(last[other].astype(int) - photo[60, 80]).max() <= 2
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_of_two_that_hide_parts_of_each_other_the_larger_is_completed(order: tuple[int, int]) -> None:
+    """A plank goes under the broad left leg of a gate and over its narrow right one."""
+    yy, xx = np.mgrid[:120, :160]
+    plank = (np.abs(xx - 80) <= 70) & (np.abs(yy - 70) <= 12)
+    left, right = (
+        (xx >= 30) & (xx <= 54) & (yy >= 20) & (yy <= 105),
+        (xx >= 106) & (xx <= 115) & (yy >= 20) & (yy <= 105),
+    )
+    gate = left | right | ((xx >= 30) & (xx <= 115) & (yy >= 20) & (yy <= 40))
+    labels = np.where(left, 2, np.where(plank, 1, np.where(gate, 2, 0))).astype(np.uint16)
+    colours = np.array([[90, 90, 90], [200, 160, 60], [40, 60, 190]], np.uint8)
+    corners = [(30, 20), (115, 20), (115, 105), (106, 105), (106, 40), (54, 40), (54, 105), (30, 105)]
+    shapes = [
+        Region((Ring(np.array(points, float), ()),))
+        for points in ([(9.5, 57.5), (150.5, 57.5), (150.5, 82.5), (9.5, 82.5)], corners)
+    ]
+    found = cut_sprites(
+        colours[labels], labels, np.zeros(labels.shape, bool), (labels > 0).astype(np.float32),
+        np.broadcast_to(colours[0], (120, 160, 3)).copy(), order, shapes,
+    )  # fmt: skip
+    assert [sprite.body for sprite in found] == [0, 1]
+    for sprite, truth in zip(found, (plank, gate & ~(plank & right)), strict=True):
+        (x, y), (h, w) = sprite.corner, sprite.coverage.shape
+        whole = np.zeros((120 + 2 * h, 160 + 2 * w))
+        whole[h + y : 2 * h + y, w + x : 2 * w + x] = sprite.coverage
+        off = (whole[h : h + 120, w : w + 160] > 0.5) != truth
+        assert cv2.erode(off.astype(np.uint8), np.ones((3, 3), np.uint8)).sum() == 0
