@@ -13,9 +13,14 @@ import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+from unittest.mock import patch
 
 import cv2
 import numpy as np
+from pymunk._chipmunk_cffi import ffi as CFFI  # noqa: N812 - constants here
+from pymunk._chipmunk_cffi import lib as CHIPMUNK  # noqa: N812
 
 from physgen import pipeline
 from physgen.export import video
@@ -26,8 +31,12 @@ from physgen.render.stage import Stage
 from physgen.simulate.trajectory import Trajectory
 
 LIGHT = DistantLight((-0.45, -0.35, 0.82), 0.75, 0.35)
-BARS = {"frame": 8.0, "object": 0.1, "beside": 1.5, "cold": 1.0, "memory": 600.0}
-"""ms, ms, times the wall time of encoding alone, s, MiB."""
+BARS = {
+    "frame": 8.0, "object": 0.1, "beside": 1.5, "cold": 1.1, "memory": 600.0, "paper": 10.0, "solver": 3.0,
+}  # fmt: skip
+"""ms, ms, times the wall time of encoding alone, s, MiB, times as fast, times the solver's own time."""
+PAPER = {"pool": 23.3, "domino": 12.7, "pig_ball": 10.3}
+"""Wall s of the paper's code, 16 frames, without diffusion, on two cores without a GPU."""
 REPEAT = 3
 
 
@@ -164,7 +173,54 @@ def cold(path: Path, frames: int, folder: Path) -> tuple[float, float]:
     return least, timing["peak_memory_mib"]
 
 
-def frames(scenes: dict[str, Path], folder: Path) -> list[dict]:
+class TimedSolver:
+    """Chipmunk's functions, the step among them timed."""
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(CHIPMUNK, name)
+
+    def cpSpaceStep(self, space: Any, h: float) -> None:  # noqa: N802 - Chipmunk's name
+        begun = time.perf_counter()
+        CHIPMUNK.cpSpaceStep(space, h)
+        self.seconds += time.perf_counter() - begun
+
+
+READERS = SimpleNamespace(new=CFFI.new, addressof=lambda _, name: CFFI.addressof(CHIPMUNK, name))
+"""CFFI, which takes addresses from Chipmunk itself alone."""
+
+
+def beside_solver(path: Path) -> float:
+    """Wall time of `simulate` over that of Chipmunk's own steps in it; the least of some runs."""
+    scene = pipeline.load(path)
+    world = pipeline.compile(scene, pipeline.percepts(scene)).world
+    least = np.inf
+    for _ in range(REPEAT):
+        timed = TimedSolver()
+        with patch("physgen.simulate.space.lib", timed), patch("physgen.simulate.space.ffi", READERS):
+            begun = time.perf_counter()
+            pipeline.simulate(world)
+            least = min(least, (time.perf_counter() - begun) / timed.seconds)
+    return least
+
+
+def workload() -> float:
+    """Wall s of fixed NumPy and OpenCV work, the least of some runs: how fast a machine is."""
+    picture = np.random.default_rng(0).random((1024, 1024, 3)).astype(np.float32)
+    least = np.inf
+    for _ in range(REPEAT):
+        begun = time.perf_counter()
+        for _ in range(10):
+            cv2.remap(picture, picture[..., 0] * 1000, picture[..., 1] * 1000, cv2.INTER_LINEAR)
+            np.sqrt(cv2.GaussianBlur(picture, (0, 0), 3)).sum()
+            np.linalg.svd(picture[:200, :200, 0])
+        least = min(least, time.perf_counter() - begun)
+    return least
+
+
+def frames(scenes: dict[str, Path], bundled: Sequence[Path], folder: Path) -> list[dict]:
     """Rows of measure, scene, figure and bar; `scenes` are measured too, as they are."""
     rows: list[dict] = []
 
@@ -191,6 +247,12 @@ def frames(scenes: dict[str, Path], folder: Path) -> list[dict]:
     for name, path in {"16 balls": sixteen, **scenes}.items():
         wall, _ = cold(path, 16, folder)
         row("cold render, 16 frames, wall s", name, wall, "cold")
+        if name in PAPER:
+            row("cold render, times as fast as the paper's code", name, PAPER[name] / wall, "paper")
+    row("fixed NumPy and OpenCV work, wall s", "", workload())
+    for path in [*bundled, *(scenes[name] for name in PAPER if name in scenes)]:
+        name = path.parent.name if path.name == "scene.yaml" else path.stem
+        row("simulate, times the solver's own time", name, beside_solver(path), "solver")
     large = table(folder / "large", (1920, 1080), grid((1920, 1080), 12, 90.0))
     for count in (30, 120):
         _, memory = cold(large, count, folder)

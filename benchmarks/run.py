@@ -171,7 +171,7 @@ def _log(srgb: np.ndarray) -> np.ndarray:
 
 def frame_costs(folder: Path) -> list[dict]:
     """What a frame costs, in scenes drawn by formula and in those of `render`."""
-    return frame_rows(scenes(folder), folder)
+    return frame_rows(scenes(folder), sorted((ROOT / "scenes").glob("*/scene.yaml")), folder)
 
 
 PARTS = {
