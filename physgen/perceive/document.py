@@ -57,9 +57,9 @@ PERHAPS = 0.2
 LIKELY = 0.1
 """Chance from which another label is named."""
 SCHEMA = "scene-1.schema.json"
+"""Copied into the assets, so that editors complete and check the scene wherever it lies, offline too."""
 MOTION_BLUR = 0.5
 """Of new files: a shutter that is open for half of a frame's time, as film cameras have."""
-"""Copied into the assets, so that editors complete and check the scene wherever it lies, offline too."""
 
 
 @dataclass(frozen=True)
