@@ -143,7 +143,7 @@ def rounded(value: float, digits: int = 3) -> str:
     (['568', '0.0301', '9.81', '4', '0'], '−27,250')
     """
     if not value or not math.isfinite(value):
-        return f"{abs(value):g}"
+        return f"{value or 0.0:g}"
     places = digits - 1 - math.floor(math.log10(abs(value)))
     text = f"{round(value, places):,.{max(places, 0)}f}".replace("-", "−")
     return text.rstrip("0").rstrip(".") if "." in text else text

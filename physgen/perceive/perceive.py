@@ -108,60 +108,61 @@ def perceive(
     if found.source != "given":
         new = [item for item in objects if item.id not in found.mask_sources]
         found = replace(found, labels=_rounded(found.labels, new))
-    beside = ThreadPoolExecutor(1)  # the fill needs the masks alone, and as long as all that does not need it
-    filling = beside.submit(run.fill, found.labels) if run.core("matte", "inpaint") else None
-    names = run.name(found, objects, renames)
-    matter, scale = run.weigh(names, pixels_per_meter)
-    boundaries, depth, normals = run.find_boundaries(found, names.objects, view, scenery)
-    objects = [replace(t, outline=boundaries.outlines.get(t.id, t.outline)) for t in names.objects]
-    if normals is None or run.core("normals"):  # the core's normals depend on the boundaries
-        normals = run.role("normals", rgb, found.labels, objects, boundaries)
-    run.crew.release("normals")
-    intrinsics: Intrinsics = run.role("intrinsic", rgb, found.labels, normals)
-    light: LightGuess = run.role("light", rgb, found.labels, objects, normals, intrinsics)
-    progress("inpaint", ROLES.index("inpaint"), len(ROLES))
-    coverage, background = filling.result() if filling else run.fill(found.labels)
-    shadows: Shadows = run.role(
-        "shadow", background, coverage, found.labels, objects, matter, boundaries, light
-    )
-    again = partial(refill_background, inpaint=partial(run.crew.call, "inpaint"))
-    refilled = shadows.clean is not None and not shadows.faint
-    cleaning = beside.submit(again, shadows.clean, background, coverage) if refilled else None
-    labels, doubtful = document.with_doubtful(found.labels, found.doubtful)
-    kept = {i: name for i, name in names.before.items() if i not in names.renamed}
-    called = document.object_names(objects, kept)
-    entries, comments = document.object_entries(
-        found, objects, called, matter, boundaries, names.labels, names.sources, run.crew.name("physics")
-    )
-    side = max(rgb.shape[:2])
-    per_meter, comments["world.pixels_per_meter"] = scale_entry(side, pixels_per_meter, scale)
-    scene: dict[str, Any] = {
-        "physgen": 1,
-        "image": "photo.png",
-        "assets": "photo.assets",
-        "world": _world(boundaries, per_meter, shadows),
-        "objects": entries,
-        "boundaries": {w.name: document.wall_entry(w) for w in boundaries.walls},
-        **({"doubtful": doubtful} if doubtful else {}),
-        "light": _light(light, shadows),
-    }
-    scene["world"]["duration"], slow = playback(side, per_meter)
-    scene["render"] = ({"slow": slow} if slow > 1 else {}) | {"motion_blur": document.MOTION_BLUR}
-    if slow > 1:
-        comments["render"] = (
-            f"plays {slow} times as slowly as it happens: so small a place is crossed in no time"
+    # the fill needs the photo and the masks alone, and takes as long as all that does not need it
+    with ThreadPoolExecutor(1) as beside:
+        filling = beside.submit(run.fill, found.labels) if run.core("matte", "inpaint") else None
+        names = run.name(found, objects, renames)
+        matter, scale = run.weigh(names, pixels_per_meter)
+        boundaries, depth, normals = run.find_boundaries(found, names.objects, view, scenery)
+        objects = [replace(t, outline=boundaries.outlines.get(t.id, t.outline)) for t in names.objects]
+        if normals is None or run.core("normals"):  # the core's normals depend on the boundaries
+            normals = run.role("normals", rgb, found.labels, objects, boundaries)
+        run.crew.release("normals")
+        intrinsics: Intrinsics = run.role("intrinsic", rgb, found.labels, normals)
+        light: LightGuess = run.role("light", rgb, found.labels, objects, normals, intrinsics)
+        run.progress("inpaint", ROLES.index("inpaint"), len(ROLES))
+        coverage, background = filling.result() if filling else run.fill(found.labels)
+        shadows: Shadows = run.role(
+            "shadow", background, coverage, found.labels, objects, matter, boundaries, light
         )
-    comments |= document.scene_comments(found, objects, specks, boundaries)
-    unknown = (document.unknown_label(t.label) for t in objects if t.id in names.renamed)
-    warnings = tuple(dict.fromkeys(problem for problem in unknown if problem))
-    suits = judge_suitability(rgb, found, objects, names.labels, boundaries)
-    clean = cleaning.result() if cleaning else shadows.clean
-    run.crew.release("inpaint")
-    percepts = Percepts(
-        rgb=rgb, labels=labels, coverage=coverage, background=background, clean=clean, shadows=shadows.owners,
-        depth=depth, normals=normals, albedo=intrinsics.albedo, shading=intrinsics.shading,
-    )  # fmt: skip
-    return run.signed(PerceivedScene(percepts, scene, comments, warnings, suitability=suits))
+        again = partial(refill_background, inpaint=partial(run.crew.call, "inpaint"))
+        refilled = shadows.clean is not None and not shadows.faint
+        cleaning = beside.submit(again, shadows.clean, background, coverage) if refilled else None
+        labels, doubtful = document.with_doubtful(found.labels, found.doubtful)
+        kept = {i: name for i, name in names.before.items() if i not in names.renamed}
+        called = document.object_names(objects, kept)
+        entries, comments = document.object_entries(
+            found, objects, called, matter, boundaries, names.labels, names.sources, run.crew.name("physics")
+        )
+        side = max(rgb.shape[:2])
+        per_meter, comments["world.pixels_per_meter"] = scale_entry(side, pixels_per_meter, scale)
+        scene: dict[str, Any] = {
+            "physgen": 1,
+            "image": "photo.png",
+            "assets": "photo.assets",
+            "world": _world(boundaries, per_meter, shadows),
+            "objects": entries,
+            "boundaries": {w.name: document.wall_entry(w) for w in boundaries.walls},
+            **({"doubtful": doubtful} if doubtful else {}),
+            "light": _light(light, shadows),
+        }
+        scene["world"]["duration"], slow = playback(side, per_meter)
+        scene["render"] = ({"slow": slow} if slow > 1 else {}) | {"motion_blur": document.MOTION_BLUR}
+        if slow > 1:
+            comments["render"] = (
+                f"plays {slow} times as slowly as it happens: so small a place is crossed in no time"
+            )
+        comments |= document.scene_comments(found, objects, specks, boundaries)
+        unknown = (document.unknown_label(t.label) for t in objects if t.id in names.renamed)
+        warnings = tuple(dict.fromkeys(problem for problem in unknown if problem))
+        suits = judge_suitability(rgb, found, objects, names.labels, boundaries)
+        clean = cleaning.result() if cleaning else shadows.clean
+        run.crew.release("inpaint")
+        percepts = Percepts(
+            rgb=rgb, labels=labels, coverage=coverage, background=background, clean=clean, shadows=shadows.owners,
+            depth=depth, normals=normals, albedo=intrinsics.albedo, shading=intrinsics.shading,
+        )  # fmt: skip
+        return run.signed(PerceivedScene(percepts, scene, comments, warnings, suitability=suits))
 
 
 @dataclass(frozen=True)

@@ -48,6 +48,8 @@ def swept_keys(clips: Sequence[Clip]) -> list[SweptKey]:
     Clips that were not given one have the value of their scene.
     """
     edits = [_edits(clip) for clip in clips]
+    subjects = {clip.subject for clip in clips if clip.document}
+    only = subjects.pop() if len(subjects) == 1 else ""  # a clip that failed is of it, too
     rows = []
     for path in dict.fromkeys(path for edit in edits for path in edit):
         values = [
@@ -55,7 +57,7 @@ def swept_keys(clips: Sequence[Clip]) -> list[SweptKey]:
             for clip, edit in zip(clips, edits, strict=True)
         ]
         pairs = zip(clips, values, strict=True)
-        had = {(clip.subject, value) for clip, value in pairs if clip.document and value is not None}
+        had = {(clip.subject or only, value) for clip, value in pairs if value is not None}
         if len(had) > len({subject for subject, _ in had}):
             rows.append((path, values))
     names = [dotted(path) for path, _ in rows[:MOST_KEYS]]

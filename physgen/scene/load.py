@@ -73,7 +73,9 @@ class Opened:
         problems = dict.fromkeys((*report.problems, *self._of_variants))
         if problems:
             raise InputError(problems)
-        scene = scene_from_tree(*_followed(edited, ground), scene_name(self.file), self._source, ground)
+        scene = scene_from_tree(
+            *_followed(edited, self._root, ground), scene_name(self.file), self._source, ground
+        )
         return replace(scene, files=tuple(self._stamps))
 
 
@@ -239,8 +241,11 @@ def scene_name(file: Path) -> str:
     return Path(os.path.abspath(file)).parent.name if file.name == "scene.yaml" else file.stem
 
 
-def _followed(root: Node, ground: Ground) -> tuple[Node, Record]:
-    """The tree in numbers, with what follows from labels and scale that a user changed, and the record of that."""
+def _followed(root: Node, file: Node, ground: Ground) -> tuple[Node, Record]:
+    """The tree in numbers, with what follows from labels and scale that a user changed, and the record of that.
+
+    What an override, a variant or a file beside the perceived one says never follows; `file` is the tree before edits.
+    """
     record, tree = ground.record, in_numbers(root)
     if not record.objects or ground.size is None:
         return tree, record
@@ -254,9 +259,13 @@ def _followed(root: Node, ground: Ground) -> tuple[Node, Record]:
         outline = None if shape is None else parts.shape_outline(_shape(shape))
         outlines |= {} if outline is None else {name: outline}
     values, record = followed(plain(root), with_defaults(data), record, outlines, ground.size)
+    home = children(root)["assets"].source
     for path, value in sorted(values.items(), key=lambda one: len(one[0])):
         key = dotted(path)
         node = _at(root, path)
+        said = children(root, *path[:-1]).get(path[-1])
+        if said is not None and (said.source != home or said is not children(file, *path[:-1]).get(path[-1])):
+            continue
         made = [node.with_value(part) for part in value] if isinstance(value, list) else value
         root = apply(root, Edit(key, node.with_value(made), ()))
     return in_numbers(root) if values else tree, record

@@ -224,6 +224,17 @@ def test_numbers_of_the_user_follow_neither_label_nor_scale(scene: Path) -> None
             refreshed(scene)  # its record knows the user's numbers still
 
 
+def test_what_an_override_or_a_file_on_top_says_does_not_follow(scene: Path) -> None:
+    mass = yaml.safe_load(scene.read_text())["objects"]["ball-1"]["mass"]
+    steel, scale = "objects.ball-1.label=steel ball", "world.pixels_per_meter=300"
+    assert pipeline.load(scene, [steel, scale]).objects[0].mass != pytest.approx(mass)
+    assert pipeline.load(scene, [steel, scale, f"objects.ball-1.mass={mass}"]).objects[0].mass == mass
+    top = scene.with_name("top.yaml")
+    changed = f"objects: {{ball-1: {{label: steel ball, mass: {mass}}}}}"
+    top.write_text(f"extends: {scene.name}\n{changed}\nworld: {{pixels_per_meter: 300}}\n")
+    assert pipeline.load(top).objects[0].mass == mass
+
+
 @pytest.mark.slow
 def test_labels_beside_a_refresh_keep_names_and_bring_the_scale(scene: Path) -> None:
     before = yaml.safe_load(scene.read_text())

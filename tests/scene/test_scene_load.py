@@ -44,7 +44,7 @@ def test_everything_that_is_written() -> None:
     assert found.name == "full"
     assert (found.size, found.image, found.assets) == ((512, 384), None, None)
     assert found.world == scene.Settings(
-        scene.View.TOP, 200, (1, 2), 0.2, scene.Combine.MULTIPLY, 1.5, 480, 4, None
+        scene.View.TOP, 200, (1, 2), 0.2, scene.Combine.MULTIPLY, 1.5, False, 480, 4, None
     )
     ball, blob, crate, kite, ring = found.objects
     assert ball == scene.Object(
@@ -121,7 +121,7 @@ def test_defaults(tmp_path: Path) -> None:
     assert (a.friction, a.elasticity, a.rolling, a.velocity, a.spin) == (0.5, 0.4, 0, (0, 0), 0)
     assert (a.roll, a.motion, a.layer, a.provenance) == ("natural", scene.Motion.DYNAMIC, 0, {})
     assert found.world == scene.Settings(
-        scene.View.SIDE, 100, (0, 980), 0, scene.Combine.GEOMETRIC, 2, 960, 4, None
+        scene.View.SIDE, 100, (0, 980), 0, scene.Combine.GEOMETRIC, 2, False, 960, 4, None
     )
     assert found.render == scene.Render(30, None, True, True, 0, (), 1, scene.Play.FORWARD, None, None, (), 1)
     assert found.refine == scene.Refine("none", 0.5, 5, 50, 0, None, "", None, 0, 1)

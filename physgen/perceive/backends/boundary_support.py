@@ -60,9 +60,7 @@ class _RailLimits:
     apart: int = 3  # px from an edge, on both sides, where colours are compared
     askew: float = 0.04  # slope up to which a rail is along the photo's side
     slopes: int = 17  # tried
-    columns: int = (
-        256  # of the photo's width, in which colours are compared: evenly spread, they tell as much as all
-    )
+    columns: int = 256  # evenly spread, in which colours are compared: more changes nothing
     alike: float = 0.9  # of the sharpest edge, from which the most level one is taken
     shade: float = 0.015  # of the photo's longer side: width of the shadow that a rail casts on its table
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from physgen.geometry.polygon import Disc, Outline
-from physgen.geometry.scale import WEIGHING, assumed_scale, weigh
+from physgen.geometry.scale import WEIGHING, assumed_scale, is_assumed, weigh
 from physgen.materials import Kind, Material, kind
 from physgen.perceive.roles import Matter, PhotoObject, Physics, Rgb
 from physgen.scene.scene import Solid
@@ -23,10 +23,9 @@ def table() -> Physics:
 
 def _table(rgb: Rgb, objects: Sequence[PhotoObject], pixels_per_meter: float | None) -> Mapping[int, Matter]:
     kinds = {item.id: kind(item.label) for item in objects}
-    if pixels_per_meter is not None:
-        value, most = pixels_per_meter, 1.0
-    else:
-        value, most = assumed_scale(max(rgb.shape[:2])), WEIGHING.unscaled
+    side = max(rgb.shape[:2])
+    value = assumed_scale(side) if pixels_per_meter is None else pixels_per_meter
+    most = WEIGHING.unscaled if is_assumed(value, side) else 1.0
     return {item.id: _matter(item, kinds[item.id], value, most) for item in objects}
 
 
