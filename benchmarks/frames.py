@@ -162,7 +162,7 @@ def cold(path: Path, frames: int, folder: Path) -> tuple[float, float]:
         command = [sys.executable, "-m", "physgen", "render", str(path), "-o", str(folder / "out")]
         before = time.perf_counter()
         subprocess.run(
-            [*command, "--format", "mp4", "--set", f"render.frames={frames}"],
+            [*command, "--no-cache", "--format", "mp4", "--set", f"render.frames={frames}"],
             check=True,
             capture_output=True,
             env=environment,
