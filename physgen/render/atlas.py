@@ -15,7 +15,7 @@ import numpy as np
 from physgen.render.ball import F32, RIM, Array, Ball
 from physgen.render.shadow_decomposition import CastShadow
 from physgen.render.sprites import Sprite, double_resolution
-from physgen.render.stage import Placement, Slices, SpritePose, three_channels
+from physgen.render.stage import Placement, Slices, SpritePose
 
 GAP = 3
 """px of an atlas on each side of a picture, as far as Lanczos' kernel looks."""
@@ -91,18 +91,6 @@ def warp_picture(picture: F32, x: F32, y: F32) -> F32:
     return np.asarray(found, np.float32)
 
 
-@dataclass(frozen=True)
-class DrawnBall:
-    """Pixels on a placement's box."""
-
-    light: F32
-    """(h, w, 3) linear, times coverage."""
-    coverage: F32
-    """(h, w)."""
-    through: F32
-    """(h, w, 3): the share of what is behind that shows through, in each channel."""
-
-
 class BallSprites:
     """All of a stage's balls."""
 
@@ -115,8 +103,8 @@ class BallSprites:
             atlas = _Atlas([balls[i][1:] for i in members])
             self._homes |= {balls[i][0]: (atlas, place) for place, i in enumerate(members)}
 
-    def drawn(self, there: Iterable[tuple[int, Placement]], fine: int = 1) -> dict[int, DrawnBall]:
-        """Pixels of the balls among `there`, indices of sprites and where they moved to; others are passed over.
+    def drawn(self, there: Iterable[tuple[int, Placement]], fine: int = 1) -> dict[int, tuple[F32, F32]]:
+        """As `draw_sprite`: the balls among `there`, indices of sprites and where they moved to, no others.
 
         Each pixel is the mean of `fine` x `fine` samples.
         """
@@ -125,7 +113,7 @@ class BallSprites:
             if k in self._homes and where.own is None:
                 atlas, place = self._homes[k]
                 together.setdefault(id(atlas), (atlas, []))[1].append((k, place, where))
-        found: dict[int, DrawnBall] = {}
+        found: dict[int, tuple[F32, F32]] = {}
         for atlas, some in together.values():
             names, places, wheres = zip(*some, strict=True)
             found.update(zip(names, atlas.drawn(places, wheres, fine), strict=True))
@@ -154,7 +142,7 @@ class _Atlas:
         self.radius = np.array([ball.radius for _, ball in members], np.float64)
         self.last = 2 * (within[:, 2:] - within[:, :2]) - 2  # half pixels, of each picture's own end
 
-    def drawn(self, which: Sequence[int], wheres: Sequence[Placement], fine: int) -> list[DrawnBall]:
+    def drawn(self, which: Sequence[int], wheres: Sequence[Placement], fine: int) -> list[tuple[F32, F32]]:
         """See `Balls.drawn`; of the atlas' balls `which`."""
         some = np.array(which)
         h, w = (max(where.box[k].stop - where.box[k].start for where in wheres) for k in (0, 1))
@@ -198,12 +186,11 @@ class _Atlas:
             )
         light = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGRA2BGR), np.float32)  # the first three channels
         coverage = np.asarray(cv2.extractChannel(picture, 3), np.float32)
-        through = three_channels(1 - coverage)
         found = []
         for j, where in enumerate(wheres):
             tall, wide = (part.stop - part.start for part in where.box)
             own = np.s_[:tall, j * w : j * w + wide]
-            found.append(DrawnBall(light[own], coverage[own], through[own]))
+            found.append((light[own], coverage[own]))
         return found
 
 

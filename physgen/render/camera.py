@@ -322,15 +322,9 @@ def exposure_times(trajectory: Trajectory, world: World, part: float) -> tuple[A
 
 def mean_exposures(frames: Iterator[Frame], parts: int) -> Iterator[Frame]:
     """Means of `parts` frames each in linear light, with the time and the ids of the last."""
-    if parts == 1:
-        yield from frames
-        return
     for index, first in enumerate(frames):
         group = [first, *(next(frames) for _ in range(parts - 1))]
         last = group[-1]
-        if all(np.array_equal(frame.rgb, last.rgb) for frame in group):
-            yield Frame(index, last.time, last.rgb, last.named, last.covering)
-            continue
         light = sum((decode(frame.rgb) for frame in group), np.zeros(last.rgb.shape, np.float32))
         rgb = encode_u8(light / np.float32(parts))
         yield Frame(index, last.time, rgb, last.named, last.covering)

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from functools import cache, partial
 from itertools import pairwise
 from math import ceil, hypot
-from typing import Any
 
 import cv2
 import numpy as np
@@ -36,6 +35,7 @@ from physgen.render.stage import (
     draw_halo,
     draw_sprite,
     enlarged_poses,
+    place_sprite,
     sprite_coverage,
     sprite_poses,
     three_channels,
@@ -44,29 +44,17 @@ from physgen.simulate.trajectory import Trajectory
 
 
 def encode_picture(linear: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """The nearest sRGB code of linear light, any shape (h, w, 3); the same bytes as `encode_u8`, in half the time."""
-    if not _looks_up():
-        return encode_u8(linear)
+    """The nearest sRGB code of linear light, any shape (h, w, 3); the same bytes as `encode_u8`, in less time."""
     index = linear * np.float32(65535)
     index += np.float32(0.5)
     np.clip(index, 0, 65535, out=index)
-    return np.asarray(cv2.LUT(index.astype(np.uint16), _table()), np.uint8)
+    return np.asarray(np.take(_table(), index.astype(np.intp)), np.uint8)
 
 
 @cache
 def _table() -> NDArray[np.uint8]:
     """(65536,) codes of 16-bit light."""
     return encode_u8(np.arange(65536, dtype=np.float32) / np.float32(65535))
-
-
-@cache
-def _looks_up() -> bool:
-    """Whether OpenCV has look-ups of 16 bits."""
-    one: Any = np.zeros((1, 1, 3), np.uint16)
-    try:
-        return bool(cv2.LUT(one, _table()).dtype == np.uint8)
-    except cv2.error:
-        return False
 
 
 TILE = 32
@@ -134,8 +122,7 @@ class BackgroundCache:
         lit, dark = self._lit, self.dark
         if lit is None or dark is None:
             return []
-        shadows = {s.k: lit.casts[s.k].whole for s in stands if s.start != s.pose}
-        gone = {k for k, whole in shadows.items() if whole is not None}
+        gone = {s.k for s in stands if s.start != s.pose and lit.casts[s.k].whole is not None}
         if gone == self._gone:
             return []
         boxes = [whole[0] for k in gone ^ self._gone if (whole := lit.casts[k].whole) is not None]
@@ -184,10 +171,10 @@ class Picture:
     """(h, w, 3) linear, times coverage."""
     coverage: F32
     """(h, w)."""
-    through: F32
-    """(h, w, 3): 1 - coverage."""
     rest: tuple[Slices, F32] | None
     """A box and (h, w, 3) what the photo shows there beyond light and background; as bright as the background is."""
+    factor: F32 | None = None
+    """(h, w) by which `light` was multiplied for the shadows of others."""
 
 
 @dataclass(frozen=True)
@@ -222,9 +209,8 @@ def render_frames(
     if parts > 1 and stage.scale != 1.0:
         ways = enlarged_poses(ways, stage.scale)
     size = (stage.background.shape[1], stage.background.shape[0])
-    balls = BallSprites(stage.sprites)
     with single_threaded():
-        left = BackgroundCache(stage)
+        balls, left = BallSprites(stage.sprites), BackgroundCache(stage)
         canvas: F32 = left.light.copy()
         shadows = _Shadows(stage, left)
         before = touched_tiles([], size)
@@ -246,17 +232,20 @@ def render_frames(
                 if (around := draw_halo(stage.sprites[picture.stand.k], picture.stand)) is not None:
                     shadows.add_border(canvas, *around)
                     touched.append(around[0])
-            for picture in pictures:
-                box, light, through = picture.where.box, picture.light, picture.through
-                if picture.stand.k in trails:
-                    box, light, through = _smeared(picture, trails[picture.stand.k], size)
-                under = canvas[box]
-                cv2.multiply(under, through, dst=under)
-                cv2.add(under, light, dst=under)
-                touched.append(box)
-                if picture.rest is not None:
-                    shadows.add_border(canvas, *picture.rest)
-                    touched.append(picture.rest[0])
+            drawn = {picture.stand.k: picture for picture in pictures}
+            for stand in stands:
+                seen = drawn.get(stand.k)
+                layer = None if seen is None else (seen.where.box, seen.light, seen.coverage)
+                if stand.k in trails:
+                    layer = _smeared(stage, balls, stand, seen, trails[stand.k])
+                if layer is not None:
+                    under = canvas[layer[0]]
+                    cv2.multiply(under, three_channels(1 - layer[2]), dst=under)
+                    cv2.add(under, layer[1], dst=under)
+                    touched.append(layer[0])
+                if seen is not None and seen.rest is not None:
+                    shadows.add_border(canvas, *seen.rest)
+                    touched.append(seen.rest[0])
             before = touched_tiles(touched, size)
             rgb = left.codes.copy()
             for box in boxes_of_tiles(before, size):
@@ -314,7 +303,7 @@ class _Shadows:
         factors = occlusion_factors(self._stage, [p.stand for p in pictures], figures)
         for picture in pictures:
             if (factor := factors.get(picture.stand.k)) is not None:
-                picture.light = picture.light * three_channels(factor)
+                picture.factor, picture.light = factor, picture.light * three_channels(factor)
         return relit
 
     def add_border(self, canvas: F32, box: Slices, rest: F32) -> None:
@@ -328,7 +317,7 @@ Trail = tuple[tuple[float, float, float], ...]
 
 
 def _trail(stage: Stage, stand: SpritePose, poses: Sequence[NDArray[np.float64]]) -> Trail:
-    """The way of a sprite in an exposure, in steps that nobody sees; empty where it hardly moves."""
+    """The way of a sprite in an exposure, in steps too small to be seen; empty where it hardly moves."""
     sprite = stage.sprites[stand.k]
     way = np.array(poses) - poses[-1]
     if sprite.ball is not None:  # its picture never turns
@@ -356,29 +345,60 @@ def _along(trail: Trail, stand: SpritePose) -> list[tuple[SpritePose, float]]:
     return found
 
 
-def _smeared(picture: Picture, trail: Trail, size: tuple[int, int]) -> tuple[Slices, F32, F32]:
-    """A box of a canvas of `size` (W, H), and `light` and `through` (h, w, 3) there: means over the trail."""
-    rows, columns = picture.where.box
-    wide, high = columns.stop - columns.start, rows.stop - rows.start
-    corners = np.array([[0, 0, 1], [wide - 1, 0, 1], [0, high - 1, 1], [wide - 1, high - 1, 1]], np.float64)
-    middle = np.array([picture.stand.pose.x - columns.start, picture.stand.pose.y - rows.start])
+def _smeared(
+    stage: Stage, balls: BallSprites, stand: SpritePose, picture: Picture | None, trail: Trail
+) -> tuple[Slices, F32, F32] | None:
+    """A box of the canvas, light (h, w, 3) and coverage (h, w) there: means over the trail; None: nothing."""
+    if (whole := _unclipped(stage, balls, stand, picture, trail)) is None:
+        return None
+    corner, light, coverage = whole
+    right, bottom = coverage.shape[1] - 1, coverage.shape[0] - 1
+    corners = np.array([[0, 0, 1], [right, 0, 1], [0, bottom, 1], [right, bottom, 1]], np.float64)
+    middle = np.array(stand.pose[:2]) - corner
     moves = []
     for x, y, angle in trail:
         turn = rotation(angle)
         moves.append(np.column_stack([turn, middle + np.array([x, y]) - turn @ middle]))
-    ends = np.concatenate([corners @ move.T for move in moves]) + np.array([columns.start, rows.start])
+    ends = np.concatenate([corners @ move.T for move in moves]) + corner
     low = np.maximum(np.floor(ends.min(axis=0)).astype(int), 0)
-    high_ = np.minimum(np.ceil(ends.max(axis=0)).astype(int) + 1, size)
-    shape = (int(high_[0] - low[0]), int(high_[1] - low[1]))
-    sharp = cv2.merge([*cv2.split(picture.light), picture.coverage])
+    high = np.minimum(np.ceil(ends.max(axis=0)).astype(int) + 1, stage.background.shape[1::-1])
+    if (low >= high).any():
+        return None
+    shape = (int(high[0] - low[0]), int(high[1] - low[1]))
+    sharp = cv2.merge([*cv2.split(light), coverage])
     total = np.zeros((shape[1], shape[0], 4), np.float32)
     for move in moves:
-        move[:, 2] += (columns.start - low[0], rows.start - low[1])
+        move[:, 2] += corner - low
         cv2.add(total, cv2.warpAffine(sharp, move, shape), dst=total)
     total *= np.float32(1 / len(moves))
     light = np.asarray(cv2.cvtColor(total, cv2.COLOR_BGRA2BGR), np.float32)  # the first three channels
-    box = np.s_[int(low[1]) : int(high_[1]), int(low[0]) : int(high_[0])]
-    return box, light, three_channels(1 - np.asarray(cv2.extractChannel(total, 3), np.float32))
+    box = np.s_[int(low[1]) : int(high[1]), int(low[0]) : int(high[0])]
+    return box, light, np.asarray(cv2.extractChannel(total, 3), np.float32)
+
+
+def _unclipped(
+    stage: Stage, balls: BallSprites, stand: SpritePose, picture: Picture | None, trail: Trail
+) -> tuple[NDArray[np.int64], F32, F32] | None:
+    """Left and top, px, light (h, w, 3) and coverage (h, w) of what the trail brings into the canvas; None: nothing."""
+    height, width = stage.background.shape[:2]
+    if picture is not None:
+        rows, columns = picture.where.box
+        if min(rows.start, columns.start) > 0 and rows.stop < height and columns.stop < width:
+            return np.array([columns.start, rows.start]), picture.light, picture.coverage
+    sprite = stage.sprites[stand.k]
+    rim = ceil(max(hypot(x, y) + min(abs(a), 2.0) * hypot(*sprite.coverage.shape) for x, y, a in trail)) + 1
+    pose = stand.pose._replace(x=stand.pose.x + rim, y=stand.pose.y + rim)
+    where = place_sprite(sprite, stand.start, pose, (width + 2 * rim, height + 2 * rim), stand.space)
+    if where is None:
+        return None
+    ball = balls.drawn([(stand.k, where)], stage.supersample).get(stand.k)
+    light, coverage = ball or draw_sprite(sprite, where, stage.supersample)
+    top, left = (part.start - rim for part in where.box)
+    if picture is not None and picture.factor is not None:  # the shade at the border goes on beyond it
+        move = np.array([[1.0, 0, columns.start - left], [0, 1, rows.start - top]])
+        shade = cv2.warpAffine(picture.factor, move, coverage.shape[::-1], borderMode=cv2.BORDER_REPLICATE)
+        light = light * three_channels(np.asarray(shade, np.float32))
+    return np.array([left, top]), light, coverage
 
 
 def _named(covers: Sequence[tuple[int, Slices, F32]], size: tuple[int, int]) -> U16:
@@ -400,13 +420,8 @@ def _pictures(stage: Stage, balls: BallSprites, stands: Sequence[SpritePose]) ->
     together = balls.drawn(((stand.k, where) for stand, where in there), stage.supersample)
     for stand, where in there:
         sprite = stage.sprites[stand.k]
-        if (ball := together.get(stand.k)) is not None:
-            yield Picture(stand, where, ball.light, ball.coverage, ball.through, draw_border(sprite, where))
-        else:
-            light, coverage = draw_sprite(sprite, where, stage.supersample)
-            yield Picture(
-                stand, where, light, coverage, three_channels(1 - coverage), draw_border(sprite, where)
-            )
+        light, coverage = together.get(stand.k) or draw_sprite(sprite, where, stage.supersample)
+        yield Picture(stand, where, light, coverage, draw_border(sprite, where))
 
 
 def _figures(stage: Stage, pictures: Sequence[Picture]) -> Mapping[int, Silhouette]:

@@ -281,6 +281,8 @@ class SpritePose:
     pose: Pose
     where: Placement | None
     """None: out of the picture."""
+    space: Array | None = None
+    """(3, 3) a ball's turn so far; None where it has none, or only the angle is known."""
 
 
 def sprite_poses(
@@ -305,7 +307,8 @@ def sprite_poses(
                 space = turns[sample, sprite.body]
                 if start.angle:  # it lies turned by as much at t = 0
                     space = space @ _about(-start.angle)
-            stands.append(SpritePose(k, start, pose, place_sprite(sprite, start, pose, size, space)))
+            where = place_sprite(sprite, start, pose, size, space)
+            stands.append(SpritePose(k, start, pose, where, space))
         yield float(trajectory.times[sample]), stands
 
 

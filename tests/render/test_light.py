@@ -50,7 +50,7 @@ def turned(ball, center, turn, size, at):
     box = np.s_[at[1] : at[1] + size[1], at[0] : at[0] + size[0]]
     shift = center[0] - ball.center[0], center[1] - ball.center[1]
     [found] = BallSprites([sprite]).drawn([(0, Placement(box, space=turn, shift=shift))]).values()
-    return found.light
+    return found[0]
 
 
 @pytest.mark.parametrize("vector", [(0.0, 0.0, 0.7), (0.5, 0.0, 0.0), (-0.3, 0.6, 0.2), (0.7, -0.5, 0.4)])

@@ -80,3 +80,36 @@ def test_a_smeared_picture_is_the_mean_of_many(bundled) -> None:
         for frames in (smeared, sharp)
     )
     assert one < 0.5 * other
+
+
+LEAVING = {
+    "a box": ("{box: {center: [130, 30], size: [24, 24]}}", [900, 0], 0.0),
+    "a box that turns": ("{box: {center: [130, 30], size: [24, 24]}}", [600, 120], 900.0),
+    "a disc": ("{circle: {center: [128, 30], radius: 12}}", [900, -250], 0.0),
+    "a ball": ("{circle: {center: [30, 30], radius: 12}}", [-900, 0], 0.0),
+}
+
+
+@pytest.mark.parametrize("what", LEAVING)
+def test_what_leaves_the_picture_is_the_mean_of_many_too(tmp_path, what) -> None:
+    """Also where it is clipped at the closing time, or gone."""
+    shape, velocity, spin = LEAVING[what]
+    solid = ", solid: sphere" if what == "a ball" else ""
+    path = tmp_path / "scene.yaml"
+    path.write_text(
+        "physgen: 1\nsize: [160, 60]\nworld: {view: top, duration: 0.2}\n"
+        f"objects: {{a: {{shape: {shape}{solid}, velocity: {velocity}, spin: {spin}}}}}\n"
+    )
+    scene = pipeline.load(path)
+    compiled = pipeline.compile(scene, None)
+    stage = pipeline.stage(scene, compiled, None)
+    trajectory = simulate(compiled.world)
+    times, parts = exposure_times(trajectory, compiled.world, 0.5)
+    fine = simulate(compiled.world, times)
+    smeared = [frame.rgb for frame in pipeline.render(stage, fine, parts)]
+    exact = [frame.rgb for frame in mean_exposures(pipeline.render(stage, fine), parts)]
+    assert (exact[-1] == exact[-1][0, 0]).all(), "it has left"
+    for one, other in zip(smeared, exact, strict=True):
+        assert (
+            np.abs(one.astype(int) - other).max() <= 25
+        )  # levels; 120 and more where it was cut at the border
