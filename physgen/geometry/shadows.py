@@ -73,6 +73,12 @@ class ShadowSetting:
         around = self.light.ambient * (1 if self.top else 1 + MODEL.sky * max(-normal[1], 0.0))
         return straight / max(straight + around, 1e-9)
 
+    @cached_property
+    def shade(self) -> np.float32:
+        """-log of the light left where none comes straight, at most."""
+        faces = ((0.0, 0.0, 1.0),) if self.top else ((0.0, 0.0, 1.0), (0.0, -1.0, 0.0))
+        return np.float32(-np.log(1 - MOST_BLOCKED * max(map(self.direct, faces))))
+
 
 @dataclass(frozen=True)
 class Silhouette:

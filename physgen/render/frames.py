@@ -299,6 +299,7 @@ class _Shadows:
         relit = touched_tiles(boxes, size)
         self._before = boxes_of_tiles(relit, size)
         for box in self._before:
+            dark[box] = lit.limited(dark[box], box)
             canvas[box] = shaded_background(lit.plate[box], dark[box], lit.tint)
         factors = occlusion_factors(self._stage, [p.stand for p in pictures], figures)
         for picture in pictures:

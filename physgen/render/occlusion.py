@@ -214,13 +214,13 @@ SUNK = 3.0
 """px by which an object's pixels may reach below the floor that it stands on."""
 
 
-def ground_below(grounds: Sequence[Array], x: float, bottom: float) -> float | None:
-    """The row, px, of the highest floor below an object whose lowest point is at `bottom`."""
+def ground_below(grounds: Sequence[Array], x: float, bottom: float, sunk: float = SUNK) -> float | None:
+    """The row, px, of the highest floor below an object whose lowest point, `sunk` in it at most, is at `bottom`."""
     rows = []
     for ax, ay, bx, by in grounds:
         if min(ax, bx) <= x <= max(ax, bx) and ax != bx:
             row = ay + (by - ay) * (x - ax) / (bx - ax)
-            if row >= bottom - SUNK:
+            if row >= bottom - sunk:
                 rows.append(float(row))
     return min(rows, default=None)
 
@@ -228,20 +228,26 @@ def ground_below(grounds: Sequence[Array], x: float, bottom: float) -> float | N
 def sprite_silhouette(stage: Stage, stand: SpritePose, where: Placement, coverage: F32) -> Silhouette:
     """A sprite as light sees it; `coverage` (h, w) is on its placement's box."""
     corner = (where.box[1].start, where.box[0].start)
-    return silhouette(stage.grounds, coverage, corner, stand.pose, stage.actors[stand.k])
+    tilt = 0.0 if stage.lit is None else stage.lit.setting.tilt
+    return silhouette(stage.grounds, coverage, corner, stand.pose, stage.actors[stand.k], tilt)
 
 
 def silhouette(
-    grounds: Sequence[Array], coverage: F32, corner: tuple[int, int], pose: Pose, actor: ShadowBody
+    grounds: Sequence[Array],
+    coverage: F32,
+    corner: tuple[int, int],
+    pose: Pose,
+    actor: ShadowBody,
+    tilt: float,
 ) -> Silhouette:
-    """A body as light sees it."""
+    """A body as light sees it; from above, by `tilt`, its near edge is seen below the floor's line."""
     floor_row = None
     if grounds:
         rows = np.flatnonzero(coverage.max(axis=1) > 0.5) if coverage.size else np.zeros(0, int)
         bottom = float(corner[1] + (int(rows[-1]) if len(rows) else 0))
         if actor.radius is not None:
-            bottom = pose.y + actor.radius
-        floor_row = ground_below(grounds, pose.x, bottom)
+            bottom, tilt = pose.y + actor.radius, 0.0
+        floor_row = ground_below(grounds, pose.x, bottom, SUNK + tilt * actor.thick / 2)
     return Silhouette(coverage, corner, (pose.x, pose.y), actor.radius, actor.thick, floor_row)
 
 
@@ -264,7 +270,9 @@ def relit_border(rest: F32, lit: LitBackground, dark: F32, box: Slices) -> F32:
     more = lit.total[box] - dark[box]
     if not more.any():
         return rest
-    return np.asarray(rest * three_channels(np.asarray(cv2.exp(np.minimum(more, 1)), np.float32)), np.float32)
+    change = three_channels(np.asarray(cv2.exp(np.minimum(more, 1)), np.float32))
+    # what is taken away may lie on another object, which has no more to give
+    return np.asarray(rest * np.where(rest < 0, np.minimum(change, 1), change), np.float32)
 
 
 def occlusion_factors(

@@ -96,6 +96,11 @@ class LitBackground:
         """(H, W, 3) linear: the background at t = 0."""
         return shaded_background(self.plate, self.total, self.tint)
 
+    def limited(self, dark: F32, box: tuple[slice, slice]) -> F32:
+        """(h, w) of the sum `dark` (h, w) of shadows: of direct light that one keeps away others keep away no more."""
+        over = dark - np.maximum(self.total[box], self.setting.shade)
+        return np.asarray(np.where(over > 0, dark - over + 1 - cv2.exp(-over), dark), np.float32)
+
     def moved(self, k: int, now: Silhouette | None, start: Pose, pose: Pose) -> list[tuple[PixelBox, F32]]:
         """What object k adds now, at `pose` instead of `start`: boxes, and what is dark there."""
         cast = self.casts[k]

@@ -83,6 +83,8 @@ class SpriteTuning:
     """Of an object's size (root of its mask's area): how far what the lens sees of it may lie beside its shape."""
     texture: float = 3.0
     """px: what is finer is texture, what is coarser is shading."""
+    glint: float = 2.0
+    """Times its mean: what texture stands out more is no texture."""
     dark: float = 0.003
     """Of linear light, below which levels are alike."""
     sides: int = 12
@@ -357,10 +359,13 @@ def _completed(photo: F32, mask: Mask, light: F32, alpha: F32, part: _Hidden) ->
     here = np.moveaxis(np.indices(mask.shape), 0, -1)
     mirrored = np.clip(2 * places[seeds] - here, 0, np.array(mask.shape) - 1)
     y, x = mirrored[..., 0], mirrored[..., 1]
-    smooth = smooth + (np.where(sure[..., None], level - even, 0)[y, x]).astype(np.float32)
+    fine = np.where(sure[..., None], level - even, np.float32(0))
+    most = CUT.glint * np.abs(fine[sure]).mean(axis=0)
+    smooth = smooth + np.clip(fine, -most, most).astype(np.float32)[y, x]
     filled = np.maximum(np.exp(smooth) - np.float32(CUT.dark), 0)
     zone = dilate(part.hole, CUT.clean + 1)
-    cover = np.where(zone, np.maximum(alpha, part.shape), alpha).astype(np.float32)
+    edge = np.clip(2 * _soft(mask | (part.shape >= 0.5)) - 0.5, 0, 1)
+    cover = np.where(zone, np.maximum(alpha, edge), alpha).astype(np.float32)
     anew = (zone & ~sure)[..., None]
     return np.asarray(np.where(anew, filled * cover[..., None], light), np.float32), cover
 

@@ -218,7 +218,7 @@ def lit_stage(
         grounds = [ground for ground in grounds if not passed(ground, maps.labels, maps.shadows)]
     actors = [_actor(sprite, world.bodies[sprite.body], loose, top) for sprite, loose in parts]
     starts = [
-        silhouette(grounds, s.coverage, s.corner, _start(world.bodies[s.body]), actor)
+        silhouette(grounds, s.coverage, s.corner, _start(world.bodies[s.body]), actor, setting.tilt)
         for (s, _), actor in zip(parts, actors, strict=True)
     ]
     veils: list[F32 | None] = [None] * len(parts)
@@ -247,7 +247,7 @@ def lit_stage(
     if not scene.render.shadows:
         return Stage(background, anchored(sprites, decode(maps.rgb), decode(background), absent))
     rounds = [world.bodies[s.body].radius is not None and not loose for s, loose in parts]
-    gone = _ghosts(maps.labels, absent, coverage, grounds, top)
+    gone = _ghosts(maps.labels, absent, coverage, grounds, setting)
     changed = (maps.rgb != background).any(axis=2) & (coverage == 0)
     lit, left = decompose_shadows(background, maps.clean, coverage, starts, rounds, setting, gone, changed)
     photo = decode(maps.rgb)
@@ -258,7 +258,7 @@ def lit_stage(
 
 
 def _ghosts(
-    labels: NDArray[np.uint16], absent: Mask, coverage: F32, grounds: Sequence[Array], top: bool
+    labels: NDArray[np.uint16], absent: Mask, coverage: F32, grounds: Sequence[Array], setting: ShadowSetting
 ) -> list[Silhouette]:
     """Things of the photo that the scene leaves out, as light saw them."""
     found = []
@@ -272,9 +272,10 @@ def _ghosts(
         rows, columns = every[0][pixels], every[1][pixels]
         y0, y1, x0, x1 = rows.min(), rows.max() + 1, columns.min(), columns.max() + 1
         own = np.where(labels[y0:y1, x0:x1] == id_, coverage[y0:y1, x0:x1], 0).astype(np.float32)
-        thick = STAGING.deep * float(np.sqrt(len(rows))) * (0.6 if top else 1.0)
+        thick = STAGING.deep * float(np.sqrt(len(rows))) * (0.6 if setting.top else 1.0)
         middle = Pose(float(columns.mean()), float(rows.mean()), 0.0)
-        found.append(silhouette(grounds, own, (int(x0), int(y0)), middle, ShadowBody(None, thick)))
+        actor = ShadowBody(None, thick)
+        found.append(silhouette(grounds, own, (int(x0), int(y0)), middle, actor, setting.tilt))
     return found
 
 

@@ -28,3 +28,16 @@ def test_objects_take_their_shadows_and_rims_with_them(bundled: Path, name: str)
     off = np.abs(empty - maps.clean).max(axis=2)
     assert np.percentile(off[old], 99) <= 3
     assert off[old].max() <= 16
+
+
+def test_shadows_of_many_leave_light_and_end_at_their_shelf(bundled: Path) -> None:
+    """Three books lean together at the end: their shadows stay out of the shelf below, and nothing is black."""
+    scene = pipeline.load(bundled / "shelf" / "scene.yaml")
+    maps = pipeline.percepts(scene)
+    compiled = pipeline.compile(scene, maps)
+    track = simulate(compiled.world, np.array([0.0, 1.5]))
+    _, last = (
+        frame.rgb.astype(int) for frame in pipeline.render(pipeline.stage(scene, compiled, maps), track)
+    )
+    assert np.count_nonzero(last.max(axis=2) < 4) < 20
+    assert np.abs(last - maps.rgb)[470:, 20:490].max() <= 8
