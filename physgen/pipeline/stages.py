@@ -241,23 +241,24 @@ def shot(scene: Scene, trajectory: Trajectory) -> Shot:
 
 
 def render(
-    drawn: Stage,
-    trajectory: Trajectory,
-    parts: int = 1,
-    through: Shot | None = None,
+    drawn: Stage, trajectory: Trajectory, parts: int = 1, through: Shot | None = None
 ) -> Iterator[Frame]:
-    """Frames, one at a time; each the mean of `parts` samples, in linear light.
+    """Frames, one at a time; each an exposure of `parts` samples: what moves is smeared, in linear light.
 
-    `through` is a shot: without one, all of the canvas is seen and played forward.
+    `through` is a shot: without one, all of the canvas is seen and played forward. Where its camera moves, an exposure
+    is the mean of four views, if `parts` is divisible by that, else of as many as it has samples.
     """
-    from physgen.render.camera import filmed, mean_exposures
+    from physgen.render.camera import FEWEST, filmed, mean_exposures, ways_seen
     from physgen.render.frames import render_frames
 
     if through is None:
         return render_frames(drawn, trajectory, parts=parts)
     samples = through.samples(parts)
     if parts > 1 and through.moves:  # while the shutter is open, too: what the camera follows stays sharp
-        return mean_exposures(filmed(render_frames(drawn, trajectory, samples), through, drawn.scale), parts)
+        few = 1 if parts % FEWEST else parts // FEWEST
+        ways = ways_seen(trajectory, through, few)
+        frames = render_frames(drawn, trajectory, samples, few, ways)
+        return mean_exposures(filmed(frames, through, drawn.scale), parts // few)
     return filmed(render_frames(drawn, trajectory, samples, parts), through, drawn.scale)
 
 

@@ -297,7 +297,7 @@ def _steadied(way: Array, width: float) -> Array:
 
 
 FEWEST, MOST = 4, 24
-"""Moments of an exposure."""
+"""Moments of an exposure; the fewest divide all numbers of them, and are the views of a moving camera."""
 STEP = 2.0
 """px that anything moves between two of them, unless there are the most already."""
 
@@ -315,9 +315,19 @@ def exposure_times(trajectory: Trajectory, world: World, part: float) -> tuple[A
     reach = np.array([np.hypot(*np.concatenate(body.rings).T).max() for body in world.bodies])
     vx, vy, spin = np.moveaxis(trajectory.velocities, -1, 0)
     farthest = float((np.hypot(vx, vy) + np.abs(spin) * reach).max()) * open_
-    parts = int(np.clip(np.ceil(farthest / STEP), FEWEST, MOST))
+    parts = int(np.clip(np.ceil(farthest / STEP / FEWEST) * FEWEST, FEWEST, MOST))
     back = (np.arange(parts) - (parts - 1)) / parts * open_
     return np.maximum((times[:, None] + back).ravel(), 0.0), parts
+
+
+def ways_seen(trajectory: Trajectory, through: Shot, parts: int) -> Array:
+    """(T, N, 3) poses; of what moves, where each `parts` samples are in the camera's view of the last of them."""
+    poses = trajectory.poses
+    views = np.array([through.affine(time) for time in trajectory.times.tolist()])
+    last = np.arange(len(poses)) // parts * parts + parts - 1
+    own, final = views[:, None], views[last][:, None]
+    at = (poses[..., :2] * own[..., 0, :1] + own[..., 2] - final[..., 2]) / final[..., 0, :1]
+    return np.where(poses == poses[last], poses, np.dstack([at, poses[..., 2]]))
 
 
 def mean_exposures(frames: Iterator[Frame], parts: int) -> Iterator[Frame]:

@@ -195,17 +195,21 @@ EXPOSURE = ExposureTuning()
 
 
 def render_frames(
-    stage: Stage, trajectory: Trajectory, order: Sequence[int] | None = None, parts: int = 1
+    stage: Stage,
+    trajectory: Trajectory,
+    order: Sequence[int] | None = None,
+    parts: int = 1,
+    ways: NDArray[np.float64] | None = None,
 ) -> Iterator[Frame]:
     """Frames of the trajectory's samples in their `order`, all one after the other unless given.
 
     Each is an exposure of `parts` samples, with the time and the ids of the last, as which it is composed; what moved
-    is smeared along its way there, which is the mean of light wherever one object at most moves. Each object's own box
-    is warped, and only touched tiles are encoded again. What a frame shows does not depend on those before it; the
-    photo's own poses are those of sample 0.
+    is smeared along its way there (of `ways` (T, N, 3) where a camera moves, too), which is the mean of light wherever
+    one object at most moves. Each object's own box is warped, and only touched tiles are encoded again. What a frame
+    shows does not depend on those before it; the photo's own poses are those of sample 0.
     """
     samples = range(len(trajectory.times)) if order is None else order
-    ways = trajectory.poses
+    ways = trajectory.poses if ways is None else ways
     if parts > 1 and stage.scale != 1.0:
         ways = enlarged_poses(ways, stage.scale)
     size = (stage.background.shape[1], stage.background.shape[0])

@@ -7,7 +7,9 @@ import pytest
 
 from physgen import pipeline
 from physgen.photometry import decode
-from physgen.render.camera import exposure_times, mean_exposures
+from physgen.render import camera as camera_module
+from physgen.render.camera import exposure_times, filmed, mean_exposures
+from physgen.render.frames import render_frames
 from physgen.simulate.engine import simulate
 
 SCENE = """\
@@ -80,6 +82,36 @@ def test_a_smeared_picture_is_the_mean_of_many(bundled) -> None:
         for frames in (smeared, sharp)
     )
     assert one < 0.5 * other
+
+
+def test_a_moving_camera_sees_the_mean_of_many(bundled, monkeypatch) -> None:
+    """In four views, beside every moment filmed by itself."""
+    camera = "[{time: 0, zoom: 2, center: [250, 200]}, {time: 0.1, follow: cue-ball, zoom: 3}]"
+    scene = pipeline.load(
+        bundled / "billiards" / "scene.yaml", ["world.duration=0.3", f"render.camera={camera}"]
+    )
+    maps = pipeline.percepts(scene)
+    compiled = pipeline.compile(scene, maps)
+    stage = pipeline.stage(scene, compiled, maps)
+    trajectory = simulate(compiled.world)
+    times, parts = exposure_times(trajectory, compiled.world, 0.5)
+    assert parts > 4
+    fine, through = simulate(compiled.world, times), pipeline.shot(scene, trajectory)
+    exact = [
+        f.rgb
+        for f in mean_exposures(filmed(render_frames(stage, fine, through.samples(parts)), through), parts)
+    ]
+    sharp = [frame.rgb for frame in pipeline.render(stage, trajectory, 1, through)]
+    views: list[int] = []
+    resample = camera_module.resample_picture
+    monkeypatch.setattr(camera_module, "resample_picture", lambda *a: views.append(1) or resample(*a))
+    smeared = [frame.rgb for frame in pipeline.render(stage, fine, parts, through)]
+    assert len(views) <= 4 * len(smeared)
+    one, other = (
+        np.sqrt(np.mean((np.array(frames, np.float32) - np.array(exact, np.float32)) ** 2))
+        for frames in (smeared, sharp)
+    )
+    assert one < 0.15 * other
 
 
 LEAVING = {
