@@ -187,6 +187,27 @@ def test_from_above_each_ball_owns_the_patch_beside_it() -> None:
         assert overlap(free & (found.owners == k), free & one) > 0.6
 
 
+def test_shadows_that_fan_out_under_a_near_lamp_leave_no_marks() -> None:
+    """One distant light is found for all: the shadows seen lie a little beside those that it throws."""
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    labels, things, shade = np.zeros((HEIGHT, WIDTH), np.uint16), [], np.zeros((HEIGHT, WIDTH), np.float32)
+    centers = [(90.0, 90.0), (230.0, 80.0), (370.0, 100.0), (150.0, 210.0), (310.0, 220.0)]
+    for k, (cx, cy) in enumerate(centers, 1):
+        labels[np.hypot(x - cx, y - cy) <= 20] = k
+        things.append(PhotoObject(k, Disc(np.array([cx, cy]), 20.0), "ball"))
+        turn = np.radians(80 - 30 * (cx - 230) / 140)
+        along, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
+        u, v = (way[0] * (x - cx) + way[1] * (y - cy) for way in (along, across))
+        shade[np.hypot((u - 18) / 1.3, v) <= 20] = 1
+    shade = cv2.GaussianBlur(shade, (0, 0), 2.0)
+    table = np.broadcast_to(np.array([0.1, 0.3, 0.15]), (HEIGHT, WIDTH, 3))
+    found = lift(srgb(table * (1 - 0.78 * shade)[..., None]), labels, things, (), View.TOP)
+    assert found.clean is not None
+    free = cv2.dilate((labels > 0).astype(np.uint8), np.ones((9, 9), np.uint8)) == 0
+    left = (srgb(table).astype(int) - found.clean).mean(axis=2)[free]
+    assert left.max() < 10
+
+
 # soft light from all sides leaves it dark about feet and rims
 
 DISCS = [(100.0, 90.0, 24.0), (250.0, 80.0, 24.0), (380.0, 150.0, 24.0), (160.0, 220.0, 24.0)]

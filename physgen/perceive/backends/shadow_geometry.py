@@ -219,15 +219,15 @@ def _seen_darkness(
     model = predicted_darkness(silhouettes, setting)
     size = typical_size(silhouettes)
     side = 2 * max(1, round(0.2 * size)) + 1
-    wide = cv2.dilate(model, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)))
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+    wide = cv2.dilate(model, disc)
     reach = blurred(np.asarray(wide, np.float32), max(2.0, 0.15 * size))
     linear = decode(background)
-    light = np.log(luminance(linear) + DARKEST)
-    smooth = np.asarray(cv2.medianBlur(light, 5), np.float32)
+    smooth = np.asarray(cv2.medianBlur(np.log(luminance(linear) + DARKEST), 5), np.float32)
     reference = _reference(linear, smooth, (reach <= 0.03) & away_from_objects(coverage), size)
-    most = 1.7 * np.maximum(model, reach) + 0.2
-    dark = np.clip(reference - smooth, 0, most) * np.clip(reach / 0.08, 0, 1)
-    return np.asarray(dark, np.float32)
+    # the light found may be a little off, so that shadows lie beside those of the model
+    most = 1.7 * cv2.dilate(wide, disc) + 0.2
+    return np.asarray(np.clip(reference - smooth, 0, most) * np.clip(reach / 0.08, 0, 1), np.float32)
 
 
 def _reference(linear: F32, light: F32, known: Mask, size: float) -> F32:
