@@ -43,6 +43,7 @@ def test_each_photo_becomes_the_scene_that_it_becomes_alone(photos, tmp_path: Pa
     assert len(pipeline.load(tmp_path / "all/a.yaml").objects) == 1
 
 
+@pytest.mark.slow
 def test_one_bad_photo_leaves_the_others(photos, tmp_path: Path, capsys):
     (tmp_path / "bad.png").write_bytes(b"no picture")
     assert told(photos[0], str(tmp_path / "bad.png"), photos[1], "-o", str(tmp_path / "all")) == 2

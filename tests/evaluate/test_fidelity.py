@@ -46,6 +46,7 @@ def test_its_bar_is_told_with_its_exit_code(
     assert re.search(rf"^a +test +{20 + ahead:.2f} / - +20.00 / -$", text, re.M)
 
 
+@pytest.mark.slow
 def test_a_page_has_frames(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

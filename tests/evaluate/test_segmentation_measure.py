@@ -75,6 +75,7 @@ def test_every_layout_tells_the_same(folder: Path, capsys: pytest.CaptureFixture
     assert by_iou[0]["ap"] == total["ap50"] >= by_iou[-1]["ap"]
 
 
+@pytest.mark.slow
 def test_tables_and_pictures(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "deep" / "out"
     arguments = ["evaluate", "segmentation", str(folder), "-o", str(out), "--backend", "segment=learned"]

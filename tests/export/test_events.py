@@ -148,6 +148,7 @@ def dominoes() -> Clip:
     return clip_of(SCENES / "dominoes" / "scene.yaml")  # 90 frames, 3 s
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frames", [12, 200])
 def test_frames_change_no_event_and_no_caption(dominoes: Clip, frames: int) -> None:
     film = [f"render.frames={frames}", f"render.fps={frames / 3!r}"]

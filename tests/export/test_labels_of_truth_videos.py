@@ -16,6 +16,7 @@ from physgen.evaluate.fidelity import truths  # noqa: E402
 BALLS = ("billiards", "curling")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["billiards", "curling", "shelf"])
 def test_labels_are_what_a_path_tracer_sees(name: str, tmp_path: Path) -> None:
     """The bounds are those that docs/labels.md states."""

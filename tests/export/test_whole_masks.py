@@ -64,6 +64,7 @@ def test_what_is_hidden_altogether_is_told_of_apart(clip: Labelled) -> None:
     assert min(fractions) < 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("film", [(), FILMED], ids=["plain", "filmed"])
 def test_of_a_photo_too_however_it_is_filmed(film: tuple[str, ...], tmp_path) -> None:
     photo = ROOT / "scenes/cans/scene.yaml"

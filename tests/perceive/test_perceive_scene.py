@@ -101,6 +101,7 @@ def test_percepts_agree_with_each_other(seen: PerceivedScene):
     assert (percepts.coverage[labels == 7] > 0).all()
 
 
+@pytest.mark.slow
 def test_the_photo_without_masks_is_segmented(bundled: Path):
     rgb = read_image(bundled / "dominoes" / "photo.png")
     truth = read_labels(bundled / "dominoes" / "photo.assets" / "masks.png")
@@ -177,6 +178,7 @@ def test_a_point_finds_what_is_of_one_colour():
     assert found.confidence == 0.9
 
 
+@pytest.mark.slow
 def test_prompts_are_numbered_and_collected():
     rgb, _ = desk()
 

@@ -105,6 +105,7 @@ def test_a_box_around_nothing_still_gives_a_mask(kind: str) -> None:
         assert meant.confidence < 0.1
 
 
+@pytest.mark.slow
 def test_the_scene_says_where_a_person_pointed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rgb, labels = crates()
     photo, scene = tmp_path / "photo.png", tmp_path / "scene.yaml"

@@ -60,6 +60,7 @@ def refreshed(scene: Path, *options: str) -> tuple[Scene, NDArray[np.uint16]]:
     return loaded, read_labels(out.with_name("again.assets") / "masks.png")
 
 
+@pytest.mark.slow
 def test_a_box_corrects_the_mask_that_it_covers_and_is_asked_again(scene: Path) -> None:
     before = pipeline.load(scene)
     named = {item.name: item for item in before.objects}
@@ -118,6 +119,7 @@ def test_what_a_person_wrote_stays(scene: Path) -> None:
     assert anew["mask"] == before["mask"]
 
 
+@pytest.mark.slow
 def test_doubts_stay_and_can_be_switched_on(scene: Path) -> None:
     first = scene.with_name("first.yaml")
     labels = read_labels(scene.parent / "scene.assets" / "masks.png")
@@ -251,6 +253,7 @@ def test_labels_beside_a_refresh_keep_names_and_bring_the_scale(scene: Path) -> 
     assert yaml.safe_load(scene.with_name("again.yaml").read_text()) == after
 
 
+@pytest.mark.slow
 def test_a_scale_that_motions_were_made_for_stays(scene: Path) -> None:
     document = yaml.safe_load(scene.read_text())
     document["forces"] = [{"object": "ball-1", "impulse": [10, 0]}]
@@ -381,6 +384,7 @@ def test_a_refresh_changes_no_line_of_a_scene_written_by_hand(bundled: Path, tmp
     assert gone == []
 
 
+@pytest.mark.slow
 def test_refreshes_keep_the_copied_photo_and_touch_no_file_that_the_record_alone_names(
     perceived: Path, tmp_path: Path
 ) -> None:

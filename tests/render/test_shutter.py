@@ -64,6 +64,7 @@ def test_it_is_the_mean_of_light(tmp_path) -> None:
         assert np.abs(decode(frame.rgb) - mean).max() < 0.006
 
 
+@pytest.mark.slow
 def test_a_smeared_picture_is_the_mean_of_many(bundled) -> None:
     """Of balls that roll, throw shadows and shade each other, beside the mean of every moment drawn by itself."""
     scene = pipeline.load(bundled / "billiards" / "scene.yaml", ["world.duration=0.3"])
