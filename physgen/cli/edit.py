@@ -16,7 +16,7 @@ from physgen.cli.arguments import Command, Parser, whole
 from physgen.cli.output import OK, Bar, print_backup, print_error, print_line, print_problem
 from physgen.cli.perceive import add_backends
 from physgen.problems import InputError
-from physgen.text import listed, nearest
+from physgen.text import listed, nearest, quoted
 
 NEEDED = ("fastapi", "filelock", "uvicorn")
 SCENES = (".yaml", ".yml", ".physgen")
@@ -84,6 +84,8 @@ def edit_file(options: argparse.Namespace) -> int:
             fix = f"did you mean {close}?" if close else f"the objects are {listed(known[:20], 'and')}"
             raise InputError.of(str(path), f'"{name}"', "names no object", fix)
     options.objects = list(dict.fromkeys(options.objects))
+    if options.command == "merge" and len(options.objects) < 2:
+        raise InputError.of(str(path), quoted(options.objects[0]), "is one object", "name two of them")
     text, first = path.read_bytes().decode("utf-8-sig"), options.objects[0]
     at = ["objects", first]
     ops: dict[str, list[dict[str, Any]]] = {

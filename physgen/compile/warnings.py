@@ -118,10 +118,16 @@ def _without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
 
 def _followed(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     """Numbers that follow a label or a scale, where the file still has those for another."""
-    record, scale, fix = scene.record, scene.world.pixels_per_meter, "perceive --refresh writes them"
+    record, scale, fix = (
+        scene.record,
+        scene.world.pixels_per_meter,
+        "perceive --refresh SCENE -o NEW writes them",
+    )
     stated = "world.pixels_per_meter" in scene.places
     if stated and record.scale is not None and not equal(record.scale, scale):
         why = f"is not the {record.scale:g} px/m that was perceived: masses, pushes and playback follow it"
+        if equal(record.scale, scene.document["world"]["pixels_per_meter"]):
+            why = f"is the scale by the labels that you changed, not the {record.scale:g} px/m of this line"
         yield warning(scene, "world.pixels_per_meter", f"{scale:g}", why, fix)
     for item in scene.objects:
         was = record.entry(item.name, scene.document["objects"][item.name])

@@ -59,6 +59,8 @@ class _Trial:
 TRIAL = _Trial()
 WORDS = {"right": (1, 0), "left": (-1, 0), "up": (0, -1), "down": (0, 1)}
 """Directions in image axes; two of them are joined by a hyphen: up-right."""
+NEAR = 0.05
+"""Of the picture's longer side, by which a kick may miss an object."""
 LARGEST = 1e9
 """Of the numbers of a shorthand."""
 
@@ -284,7 +286,7 @@ def _lifted(scene: Scene, compiled: Compiled, item: Object) -> list[float]:
 
 
 def _kick(scene: Scene, compiled: Compiled, text: str) -> tuple[Object, dict[str, Any]]:
-    """The object at a point, or the nearest, and an impulse there: away from the point, level seen from the side."""
+    """The object at a point, or close by, and an impulse there: away from the point, level seen from the side."""
     where, speed = _direction_and_speed(scene, "--kick", text)
     per_meter, ends = scene.world.pixels_per_meter, where.split(",")
     in_units = [quantity(part, "px", per_meter) for part in ends]
@@ -297,12 +299,17 @@ def _kick(scene: Scene, compiled: Compiled, text: str) -> tuple[Object, dict[str
         raise InputError.of("--kick", f'"{where}"', "meets no object: the scene has none", "leave it out")
     at = np.array([x, y])
     outlines = [np.concatenate(body.rings) + body.center for body in compiled.world.bodies]
-    k = int(np.argmin([np.hypot(*(points - at).T).min() for points in outlines]))
+    gaps = [float(np.hypot(*(points - at).T).min()) for points in outlines]
+    k = int(np.argmin(gaps))
     row, column = (
         int(np.clip(part, 0, side - 1)) for part, side in zip((y, x), scene.size[::-1], strict=True)
     )
     if compiled.labels[row, column]:
         k = int(compiled.labels[row, column]) - 1
+    elif gaps[k] > NEAR * max(scene.size):
+        near = outlines[k][int(np.argmin(np.hypot(*(outlines[k] - at).T)))].round().astype(int).tolist()
+        fix = f"name a point of an object; the nearest: {near[0]},{near[1]} of {scene.objects[k].name}"
+        raise InputError.of("--kick", f'"{where}"', "meets no object", fix)
     body = compiled.world.bodies[k]
     way = body.center - at
     if scene.world.view is View.SIDE or hypot(*way) < 1:

@@ -83,6 +83,9 @@ def test_shorthands_are_edits(row: Path) -> None:
     assert [quantity(metric["impulse"][0], "g·px/s", 800), 0] == pytest.approx(kick["impulse"])
     with pytest.raises(InputError, match="6 cm,4 cm"):
         motion_edits(scene, compiled, [], [], ["13 kg,95"])
+    for far in ("2350,10", "300,190"):
+        with pytest.raises(InputError, match=r"meets no object.*the nearest: \d+,\d+ of domino-\d"):
+            motion_edits(scene, compiled, [], [], [far])
     for pushes, word in ((["domino-1=sideways"], "direction"), (["dominoe-1=left"], "did you mean domino-1")):
         with pytest.raises(InputError, match=word):
             motion_edits(scene, compiled, pushes, [], [])
