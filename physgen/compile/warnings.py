@@ -234,6 +234,8 @@ def _missed_masks(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
         thin = np.ones((LIMITS.thin, LIMITS.thin), np.uint8)
         path, fix = f"objects.{item.name}.shape", "write shape: outline, or correct the outline or the mask"
         for part, text in ((mask & (seen == 0), "misses {:.0%} of"), (bare, "reaches {:.0%} beyond")):
+            if not part.size:  # a shape beyond the picture
+                continue
             share = cv2.morphologyEx(part.astype(np.uint8), cv2.MORPH_OPEN, thin).sum() / area
             if share > LIMITS.missed:
                 yield warning(scene, path, "the shape", f"{text.format(share)} its mask", fix)

@@ -194,3 +194,9 @@ def test_a_shape_beyond_its_mask_is_told_and_the_hole_of_a_handle_is_not(tmp_pat
 def test_a_shape_that_misses_its_mask_is_told(tmp_path: Path, shape: str, share: float) -> None:
     (line,) = [line for line in masked(tmp_path, shape, (40, 46, 101, 101)) if "misses" in line]
     assert abs(int(line.split("misses ")[1].split("%")[0]) - share) < 15
+
+
+def test_a_shape_beyond_the_picture_misses_all_of_its_mask(tmp_path: Path) -> None:
+    shape = "{circle: {center: [90, 4788.4], radius: 20}}"
+    (line,) = [line for line in masked(tmp_path, shape, (40, 50, 91, 100)) if "mask" in line]
+    assert "misses 100% of" in line
