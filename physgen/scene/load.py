@@ -263,8 +263,10 @@ def _followed(root: Node, file: Node, ground: Ground) -> tuple[Node, Record]:
     for path, value in sorted(values.items(), key=lambda one: len(one[0])):
         key = dotted(path)
         node = _at(root, path)
-        said = children(root, *path[:-1]).get(path[-1])
-        if said is not None and (said.source != home or said is not children(file, *path[:-1]).get(path[-1])):
+        written = children(root, *path[:-1]).get(path[-1])
+        if written is not None and (
+            written.source != home or written is not children(file, *path[:-1]).get(path[-1])
+        ):
             continue
         made = [node.with_value(part) for part in value] if isinstance(value, list) else value
         root = apply(root, Edit(key, node.with_value(made), ()))

@@ -290,7 +290,8 @@ class _Fault:
 
     def _units(self) -> str:
         """Units that a text may have here."""
-        return f", or a number with {ALLOWED[self.unit]} behind it" if self.unit in ALLOWED else ""
+        auto = ", or auto" if self.path == ("world", "duration") else ""
+        return f", or a number with {ALLOWED[self.unit]} behind it{auto}" if self.unit in ALLOWED else ""
 
     def _choice(self, findings: Findings) -> None:
         value, schema = self.node.value, self.schema

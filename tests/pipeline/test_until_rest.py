@@ -9,6 +9,7 @@ import pytest
 
 from physgen import pipeline
 from physgen.pipeline.stages import Maps, Stages
+from physgen.problems import InputError
 from physgen.scene.scene import Scene
 
 FALL = """\
@@ -60,3 +61,8 @@ def test_a_number_fixes_it_and_no_key_is_two_seconds(tmp_path: Path) -> None:
 def test_what_left_the_picture_rests(tmp_path: Path, speed: float, seconds: float) -> None:
     world = pipeline.compile(opened(tmp_path, GLIDES.format(speed)), None).world
     assert world.duration == pytest.approx(seconds, abs=0.08)
+
+
+def test_other_words_are_refused_with_what_fits(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="s or min behind it, or auto"):
+        opened(tmp_path, FALL.format("long", 1))
