@@ -150,7 +150,7 @@ def controllability(rows: Any) -> list[Row]:
         f"in {len(found)} scenes a harder push takes an object farther in {rising} of {steps} steps where it meets no "
         f"other, and to the side it is pushed to in {same} of {pushes}"
     )
-    command = "`physgen evaluate controllability SCENE`"
+    command = "`python benchmarks/controllability.py SCENE`"
     return [("Control", told, "figure 6, by eye", command)]
 
 

@@ -81,7 +81,6 @@ INTENDED: dict[str, str] = {
     "commands/gallery --help*": "--single-file went",
     "measures/properties*": "the studio's photos are a benchmark; only the paper's two figures of masses are left",
     "commands/evaluate properties --help*": "--truth: the same; --answers and --save-answers went",
-    "measures/controllability*": "no closed form, Kendall's tau, turns, angle at the end; default sizes are solved for",
     "measures/segmentation*": "one scope; no labels, means over photos, curves at other IoUs",
     "measures/fidelity*": "ablations of compositing are a benchmark",
     "commands/evaluate physics --help*": "closed forms are a benchmark",
@@ -137,7 +136,7 @@ COMMANDS = (
     *("gallery", "plot", "verify", "pack", "unpack", "cache", "backends", "schema", "evaluate"),
 )
 MEASURES = (
-    *("physics", "fidelity", "segmentation", "fid", "properties", "controllability"),
+    *("physics", "fidelity", "segmentation", "fid", "properties"),
     *("runtime", "study", "leaderboard"),
 )
 
@@ -403,7 +402,7 @@ def tasks(runner: Runner, quick: bool) -> Iterator[tuple[str, Callable[[], Value
         yield f"scenes/{name}", lambda s=scene, f=frames: scene_values(runner, s, f)
     for scene in tests:
         yield f"scenes/{Path(scene).stem}", lambda s=scene: scene_values(runner, s, 0 if quick else 3)
-    curling, cans = "scenes/curling/scene.yaml", "scenes/cans/scene.yaml"
+    cans = "scenes/cans/scene.yaml"
     yield (
         "commands/variants",
         lambda: scene_values(runner, "scenes/billiards/scene.yaml", 2, ("--variant", "no-nine")),
@@ -424,13 +423,8 @@ def tasks(runner: Runner, quick: bool) -> Iterator[tuple[str, Callable[[], Value
         *([str(forms)] if forms.is_dir() else []),
         *("--draws", "1", "--no-convergence", "--jobs", "1", "--json"),
     )
-    pushes = ("--angles", "2", "--sizes", "50,100", "--json")
     yield "measures/physics", lambda: json_values(runner, "evaluate", "physics", *rows)
     yield "measures/properties", lambda: json_values(runner, "evaluate", "properties", "--json")
-    yield (
-        "measures/controllability",
-        lambda: json_values(runner, "evaluate", "controllability", curling, *pushes),
-    )
     if not quick:
         yield "measures/segmentation", lambda: segmentation_values(runner)
         if (folder / "truth").exists():

@@ -11,13 +11,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from controllability import findings as answered
+from controllability import sweep
 from layout import prose, table
 from studio_properties import ask_photos, with_studio
 
 from physgen import pipeline
 from physgen.environment import gpu, this_machine
-from physgen.evaluate.controllability import findings as answered
-from physgen.evaluate.controllability import sweep
 from physgen.evaluate.measure import Findings, Progress, Table
 from physgen.evaluate.properties import MASS, ORDER, SHIPPED, Asked, ask, read_table
 from physgen.evaluate.properties import findings as weighed

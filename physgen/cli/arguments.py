@@ -169,7 +169,6 @@ count = whole(1, 1024)
 draws = whole(2, 1000)
 number_of_clips = whole(1, 10_000_000)
 seed = whole(0, 10**18)
-turns = whole(1, 360)
 
 
 def positive(text: str) -> float:
@@ -230,14 +229,6 @@ def numbers(text: str) -> list[int]:
     """`0,3,6` -> whole numbers; empty where the text is no such list."""
     parts = [part.strip() for part in text.split(",") if part.strip()]
     return [int(part) for part in parts] if all(part.isdecimal() and len(part) < 7 for part in parts) else []
-
-
-def speeds(text: str) -> list[float]:
-    """`50,100,200` -> px/s above 0, each once, in order."""
-    found = sorted({positive(part.strip()) for part in text.split(",")})
-    if not 2 <= len(found) <= 100:
-        raise argparse.ArgumentTypeError(f"{text} is not 2 to 100 sizes that differ, e.g. 50,100,200")
-    return found
 
 
 def moments(text: str) -> int | list[int]:

@@ -9,8 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from physgen.cli.arguments import Command, Parser, count, seed, some_names, speeds, turns, whole
-from physgen.cli.clips import add_overlays
+from physgen.cli.arguments import Command, Parser, count, seed, some_names, whole
 from physgen.cli.output import (
     FAILED,
     OK,
@@ -217,40 +216,6 @@ def run_properties(options: argparse.Namespace) -> int:
     return hand_over(found, options)
 
 
-# ---- controllability ----------------------------------------------------------------------------------------------
-
-
-def add_controllability(parser: Parser) -> None:
-    scene = "scenes/curling/scene.yaml"
-    parser.add_argument("scene", metavar="SCENE", nargs="?", default=scene, help=f"a scene; default: {scene}")
-    about = "the object that is pushed; default: the one that the scene pushes, or that moves first"
-    parser.option("--object", "NAME", str, about)
-    about = "directions: all round seen from above, upwards from right to left seen from the side; default: 8"
-    parser.option("--angles", "N", turns, about, 8)
-    about = "of the pushes: px/s that they give, e.g. 50,100,200; default: five, up to a third of the canvas"
-    parser.option("--sizes", "LIST", speeds, about, [])
-    add_overlays(parser)
-    add_output(parser)
-
-
-def run_controllability(options: argparse.Namespace) -> int:
-    from physgen import pipeline
-    from physgen.evaluate.controllability import findings, plot, sweep
-    from physgen.evaluate.measure import check_folder
-
-    check_folder(options.output, plots=True)
-    if options.variant == "all":
-        raise InputError.of("--variant", "all", "names more than one", "write one name")
-    scene = pipeline.load(options.scene, options.set, options.variant, options.allow_outside)
-    bar = Bar()
-    swept = sweep(scene, options.object, options.angles, options.sizes, bar.show)
-    bar.clear()
-    found = findings(swept)
-    if options.output:
-        found = found.with_figure(plot(swept))
-    return hand_over(found, options)
-
-
 # ---- runtime ------------------------------------------------------------------------------------------------------
 
 
@@ -407,13 +372,6 @@ MEASURES = (
         "properties -o out/properties",
         add_properties,
         run_properties,
-    ),
-    Command(
-        "controllability",
-        "How an object's motion depends on the direction and size of a push.",
-        "controllability scenes/curling/scene.yaml --object red-1 --angles 12 -o out/controllability",
-        add_controllability,
-        run_controllability,
     ),
     Command(
         "runtime",

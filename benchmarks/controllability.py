@@ -1,34 +1,41 @@
 """How the motion of one object answers to the direction and size of a push (the paper's figure 6).
 
+    python benchmarks/controllability.py scenes/curling/scene.yaml --object red-1 --angles 12 -o out/controllability
+
 A push is an impulse at t = 0 through the centre of mass (the paper's F0), in px/s: the speed that it gives. The
 answer is the displacement at the end from where the object would be without the push.
 """
 
 from __future__ import annotations
 
+import argparse
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import atan2, cos, degrees, hypot, pi, sin, sqrt
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
+import matplotlib
 import numpy as np
+from matplotlib.figure import Figure
+from measure_command import run
 from numpy.typing import NDArray
+from scipy.stats import spearmanr
 
 from physgen import pipeline
+from physgen.cli.arguments import Parser, positive, whole
+from physgen.cli.clips import add_overlays
 from physgen.compile.world import Body, World
 from physgen.compile.world import Push as WorldPush
-from physgen.evaluate.measure import Figure, Findings, Progress, Section, Table, number, plotted
+from physgen.evaluate.measure import Findings, Progress, Section, Table, number
 from physgen.geometry.polygon import Array
 from physgen.problems import InputError
 from physgen.registry import suggestion
+from physgen.report.plot_style import MM, plot_settings, write_figure
 from physgen.scene.scene import Load, Motion, Scene, Solid, View
 from physgen.simulate.trajectory import Trajectory, new_touches
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from physgen.report.plot_style import Palette
 
 
 @dataclass(frozen=True)
@@ -295,7 +302,7 @@ NOTE = (
 
 
 def findings(swept: Swept) -> Findings:
-    """Without the plot; see `plot`."""
+    """Without the plot, which `plot` makes."""
     along = by_direction(swept)
     found = together(along)
     still = float(np.hypot(*(swept.still.places[-1] - swept.still.places[0])))
@@ -380,8 +387,8 @@ def _row(one: Outcome) -> dict[str, Any]:
     }
 
 
-def plot(swept: Swept) -> Figure:
-    """Paths over the photo, as in the paper's figure 6."""
+def plot(swept: Swept, path: Path) -> None:
+    """Paths over the photo, as in the paper's figure 6: a colour a direction, thicker for harder pushes."""
     every = np.concatenate([one.path.places for one in swept.outcomes])
     low, high = every.min(axis=0), every.max(axis=0)
     margin = 0.04 * float((high - low).max()) + 1
@@ -389,11 +396,12 @@ def plot(swept: Swept) -> Figure:
     if swept.photo is not None:
         size = np.array(swept.photo.shape[1::-1])
         low, high = np.minimum(low, -0.5), np.maximum(high, size - 0.5)
-
-    def draw(axes: Axes, palette: Palette) -> None:
-        import matplotlib
-
-        wheel = matplotlib.colormaps["hsv"]
+    width, height = high - low
+    tall = float(np.clip(120 * height / width, 60, 150))
+    wheel = matplotlib.colormaps["hsv"]
+    with plot_settings():
+        figure = Figure(figsize=(120 / MM, tall / MM), layout="constrained")
+        axes = figure.subplots()
         if swept.photo is not None:
             step = max(1, -(-max(swept.photo.shape[:2]) // CONSTANTS.short))
             small = swept.photo[::step, ::step].astype(np.float32) / 255
@@ -408,28 +416,50 @@ def plot(swept: Swept) -> Figure:
         axes.set(
             xlim=(low[0], high[0]), ylim=(high[1], low[1]), xlabel="x (px)", ylabel="y (px)", aspect="equal"
         )
-
-    about = (
-        f"Paths of {swept.object} after each push, a colour a direction, thicker for harder pushes; a dot is where it "
-        "ends."
-    )
-    width, height = high - low
-    return plotted(draw, about, 120, float(np.clip(120 * height / width, 60, 150)))
-
-
-def ranks(values: Array) -> Array:
-    """(N,) ranks from 0, the mean rank for equal values.
-
-    >>> ranks(np.array([3.0, 1.0, 3.0])).tolist()
-    [1.5, 0.0, 1.5]
-    """
-    _, back, counts = np.unique(values, return_inverse=True, return_counts=True)
-    last = np.cumsum(counts) - 1
-    return np.asarray((last - (counts - 1) / 2)[back.ravel()], np.float64)
+    write_figure(figure, path, f"Paths of {swept.object} after each push; a dot is where it ends")
 
 
 def correlation(first: Array, second: Array) -> float:
     """Spearman's rank correlation of two columns (N,); 0 where one of them is constant."""
-    a, b = (rank - rank.mean() for rank in (ranks(first), ranks(second)))
-    scale = float(np.sqrt((a @ a) * (b @ b)))
-    return float(a @ b) / scale if scale > 0 else 0.0
+    if len(first) < 2 or np.ptp(first) == 0 or np.ptp(second) == 0:
+        return 0.0
+    return float(spearmanr(first, second).statistic)
+
+
+# ---- the command -------------------------------------------------------------------------------------------------
+
+
+def speeds(text: str) -> list[float]:
+    """`50,100,200` -> px/s above 0, each once, in order."""
+    found = sorted({positive(part.strip()) for part in text.split(",")})
+    if not 2 <= len(found) <= 100:
+        raise argparse.ArgumentTypeError(f"{text} is not 2 to 100 sizes that differ, e.g. 50,100,200")
+    return found
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """The command; its plot is `paths.svg` beside the page."""
+    parser = Parser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("scene", metavar="SCENE")
+    about = "the object that is pushed; default: the one that the scene pushes, or that moves first"
+    parser.option("--object", "NAME", str, about)
+    about = "directions: all round seen from above, upwards from right to left seen from the side; default: 8"
+    parser.option("--angles", "N", whole(1, 360), about, 8)
+    about = "of the pushes: px/s that they give, e.g. 50,100,200; default: five, up to a third of the canvas"
+    parser.option("--sizes", "LIST", speeds, about, [])
+    add_overlays(parser)
+
+    def find(options: argparse.Namespace, progress: Progress) -> Findings:
+        if options.variant == "all":
+            raise InputError.of("--variant", "all", "names more than one", "write one name")
+        scene = pipeline.load(options.scene, options.set, options.variant, options.allow_outside)
+        swept = sweep(scene, options.object, options.angles, options.sizes, progress)
+        if options.output:
+            plot(swept, options.output / "paths.svg")
+        return findings(swept)
+
+    return run(parser, find, arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
