@@ -7,12 +7,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import fidelity
 from layout import table
 from paper import tenths
 from physics import table as physics_table
 from plausibility.confusion import balanced, interval
-
-from physgen.evaluate import fidelity
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "benchmarks" / "results"
@@ -106,7 +105,7 @@ def frames(rows: Any) -> list[Row]:
         f"{ahead:.2f} dB nearer to path-traced frames than the paper's way, relit, over objects and shadows of "
         f"{len(scenes)} scenes held out (our own bar is {state})"
     )
-    command = "`physgen evaluate fidelity`"
+    command = "`python benchmarks/fidelity.py`"
     return [("Frames", found, "its compositing is the other side", command)]
 
 

@@ -82,7 +82,6 @@ INTENDED: dict[str, str] = {
     "measures/properties*": "the studio's photos are a benchmark; only the paper's two figures of masses are left",
     "commands/evaluate properties --help*": "--truth: the same; --answers and --save-answers went",
     "measures/segmentation*": "one scope; no labels, means over photos, curves at other IoUs",
-    "measures/fidelity*": "ablations of compositing are a benchmark",
     "commands/evaluate physics --help*": "closed forms are a benchmark",
     "commands/backends --help*": "--fallback is gone",
     "perceive/*/background.png*": "the exemplar fill has no costs by direction and one strength of grain",
@@ -136,7 +135,7 @@ COMMANDS = (
     *("gallery", "plot", "verify", "pack", "unpack", "cache", "backends", "schema", "evaluate"),
 )
 MEASURES = (
-    *("physics", "fidelity", "segmentation", "fid", "properties"),
+    *("physics", "segmentation", "fid", "properties"),
     *("runtime", "study", "leaderboard"),
 )
 
@@ -427,9 +426,6 @@ def tasks(runner: Runner, quick: bool) -> Iterator[tuple[str, Callable[[], Value
     yield "measures/properties", lambda: json_values(runner, "evaluate", "properties", "--json")
     if not quick:
         yield "measures/segmentation", lambda: segmentation_values(runner)
-        if (folder / "truth").exists():
-            truth = ("--truth", "truth", "--scenes", "shelf", "--json")
-            yield "measures/fidelity", lambda: json_values(runner, "evaluate", "fidelity", *truth)
     for case in sorted(path.name for path in folder.glob("cases/*.yaml")):
         yield f"refused/{case}", lambda c=case: refused_values(runner, c)
 

@@ -15,10 +15,10 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from fidelity import TRUTH, Truth, read_ids, replayed, truths
 from numpy.typing import NDArray
 from PIL import Image
 
-from physgen.evaluate.fidelity import Truth, read_ids, replayed, truths
 from physgen.export.flow import SEEN
 from physgen.photos import read_image
 from physgen.pipeline.clip import Labels
@@ -26,7 +26,6 @@ from physgen.pipeline.stages import Film, Keep, Stages
 from physgen.progress import silent
 from physgen.report.record import RunRecord
 
-TRUTH = Path(__file__).resolve().parent.parent / "studio/truth"
 Ids = NDArray[np.uint16]
 Mask = NDArray[np.bool_]
 MOVES = 0.5

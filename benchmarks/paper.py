@@ -18,7 +18,7 @@ from studio_properties import ask_photos, with_studio
 
 from physgen import pipeline
 from physgen.environment import gpu, this_machine
-from physgen.evaluate.measure import Findings, Progress, Table
+from physgen.evaluate.measure import Findings, Progress
 from physgen.evaluate.properties import MASS, ORDER, SHIPPED, Asked, ask, read_table
 from physgen.evaluate.properties import findings as weighed
 from physgen.evaluate.runtime import Run, Time, total
@@ -129,9 +129,8 @@ def kept(found: Findings, measure: str, brief: bool = False) -> dict:
         {
             "title": section.title,
             "tables": [
-                {"heads": part.heads, "rows": part.rows, "title": part.title, "note": part.note}
-                for part in section.parts
-                if isinstance(part, Table)
+                {"heads": one.heads, "rows": one.rows, "title": one.title, "note": one.note}
+                for one in section.tables
             ],
         }
         for section in (shown[:1] if brief else shown)

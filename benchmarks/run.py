@@ -34,6 +34,7 @@ import tempfile
 from pathlib import Path
 
 import cv2
+import fidelity
 import numpy as np
 from ablations import ablations
 from attack import attacks
@@ -60,7 +61,6 @@ from tables import RESULTS, write
 
 from physgen import pipeline
 from physgen.cli.main import main as physgen
-from physgen.evaluate import fidelity
 from physgen.perceive.perceive import perceive
 from physgen.perceive.segment.prompts import from_masks
 from physgen.photometry import decode, luminance

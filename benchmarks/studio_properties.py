@@ -124,7 +124,7 @@ def with_studio(findings: Findings, kinds: Sequence[Kind]) -> Findings:
         shares = f"{found.right} of {found.count}", str(found.tied)
         lines[ORDER].append((of, "studio's photos, within each", *shares, ""))
     sections = tuple(
-        replace(one, parts=tuple(_longer(part, lines.get(one.title, [])) for part in one.parts))
+        replace(one, tables=tuple(_longer(table, lines.get(one.title, [])) for table in one.tables))
         for one in findings.sections
     )
     more = {**findings.more, "studio": [_kind_row(one) for one in kinds]}

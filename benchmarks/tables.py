@@ -13,6 +13,7 @@ import accuracy
 import batch_tables
 import editor
 import fid_table
+import fidelity
 import paper
 import plausibility.table
 import scale
@@ -20,8 +21,6 @@ import sureness
 from ghosts import RING
 from growth import KINDS, exponent
 from layout import number, prose, table
-
-from physgen.evaluate import fidelity
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results"

@@ -6,17 +6,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from math import hypot
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from physgen.evaluate.measure import Bar, Figure, Findings, Section, Table
+from physgen.evaluate.measure import Bar, Findings, Section, Table
 from physgen.simulate.uncertainty import wilson
 
 from .balls import FREE
 from .judge import EVEN
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from physgen.report.plot_style import Palette
-
     from .trial import Said
 
 RIGHT = "right"
@@ -42,8 +38,8 @@ def counted(answers: Sequence[Said]) -> list[dict[str, Any]]:
     ]
 
 
-def findings(rows: Sequence[Row], seeds: range, plots: bool) -> Findings:
-    """`rows` as `counted` gives them; figures, which need their scores, where `plots` asks for them."""
+def findings(rows: Sequence[Row], seeds: range) -> Findings:
+    """`rows` as `counted` gives them."""
     trackers, sources = _known(rows, "tracker"), _known(rows, "source")
     exact = trackers[0]
     bars = tuple(
@@ -59,9 +55,7 @@ def findings(rows: Sequence[Row], seeds: range, plots: bool) -> Findings:
     )
     sections = [
         Section("Right and wrong", _about(), (_confusion(rows, trackers, sources),)),
-        Section(
-            "By what is wrong", (), (_by_fault(rows, trackers), *([_figure(rows, exact)] if plots else []))
-        ),
+        Section("By what is wrong", (), (_by_fault(rows, trackers),)),
         Section("Right clips by kind", (), (_by_family(rows, trackers),)),
     ]
     shares = {source: _table(rows, source, trackers) for source in sources}
@@ -155,34 +149,6 @@ def _by_family(rows: Sequence[Row], trackers: list[str]) -> Table:
         counts = (_counts(_only(rows, family=family, tracker=tracker), True) for tracker in trackers)
         lines.append((family, *(_share(one.right, one.clips) for one in counts)))
     return Table(("called right", *trackers), tuple(lines))
-
-
-def _figure(rows: Sequence[Row], tracker: str) -> Figure:
-    from physgen.evaluate.measure import plotted
-    from physgen.report.plot_style import SMALL
-
-    mine = _only(rows, tracker=tracker)
-    faults = [RIGHT, *(fault for fault in _known(mine, "fault") if fault != RIGHT)]
-
-    def draw(axes: Axes, palette: Palette) -> None:
-        for k, fault in enumerate(faults):
-            told = (
-                score for row in mine if row["fault"] == fault for score in row["scores"] if score is not None
-            )
-            scores = sorted(told)
-            spread = [k + 0.6 * ((m * 0.618) % 1 - 0.5) for m in range(len(scores))]
-            colour = palette.blue if fault == RIGHT else palette.orange
-            axes.plot(scores, spread, ".", color=colour, markersize=2.5, alpha=0.6)
-            axes.annotate(fault, (0.53, k), fontsize=SMALL, va="center")
-        axes.axvline(EVEN, color=palette.soft, linewidth=0.6)
-        axes.set_yticks([])
-        axes.invert_yaxis()
-        axes.set_xlim(-0.02, 1.02)
-        axes.set_xlabel("score")
-
-    return plotted(
-        draw, f"Scores of all clips on {tracker} tracks, a dot each; the line parts right from wrong."
-    )
 
 
 def _table(rows: Sequence[Row], source: str, trackers: list[str]) -> dict[str, float | None]:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from layout import prose, table
 
-from physgen.evaluate.measure import Table
-
 from .confusion import findings
 from .judge import EVEN
 from .run import SEEDS
@@ -15,16 +13,15 @@ from .trial import HELD_OUT
 def section(rows: list[dict]) -> list[str]:
     """Right and wrong clips, then scenes."""
     counted = [row for row in rows if row.get("tracker") in TRACKERS]
-    found = findings(counted, range(HELD_OUT, HELD_OUT + SEEDS), plots=False)
+    found = findings(counted, range(HELD_OUT, HELD_OUT + SEEDS))
     lines = prose(
         *found.sentences,
         "physgen: random scenes of nine kinds, and the same with one body changed midway. Closed form: balls on",
         "parabolas, by a program that shares nothing with the engine. The judge knows neither walls nor pushes.",
         "Tracks are exact, or have normal noise.",
     )
-    for part in (one for section in found.sections[:2] for one in section.parts):
-        assert isinstance(part, Table)
-        lines += ["", *table(part.heads, part.rows)]
+    for one in (one for section in found.sections[:2] for one in section.tables):
+        lines += ["", *table(one.heads, one.rows)]
     scenes = [row for row in rows if "scene" in row]
     wrong = sum(row["score"] is not None and row["score"] < EVEN for row in scenes)
     unasked = sum(row["score"] is None for row in scenes)

@@ -201,13 +201,6 @@ def names(text: str) -> list[str]:
     return list(dict.fromkeys(name for part in text.split(",") if (name := part.strip())))
 
 
-def some_names(text: str) -> list[str]:
-    """The same, one at least."""
-    if not names(text):
-        raise argparse.ArgumentTypeError(f'"{text}" names none')
-    return names(text)
-
-
 def labels(text: str) -> tuple[str, ...]:
     """`flo,coco` -> names of formats, which are checked later."""
     return tuple(names(text))

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from physgen.cli.arguments import Command, Parser, count, seed, some_names, whole
+from physgen.cli.arguments import Command, Parser, count, seed, whole
 from physgen.cli.output import (
     FAILED,
     OK,
@@ -29,7 +29,7 @@ REFERENCE = "reference"
 """The other side of fid."""
 
 
-def add_output(parser: Parser, what: str = "write a page with plots in this folder") -> None:
+def add_output(parser: Parser, what: str = "write a page, and the result as JSON, in this folder") -> None:
     """The flag `-o`."""
     parser.add_argument("-o", "--output", metavar="DIR", type=Path, help=what)
 
@@ -54,31 +54,6 @@ def hand_over(findings: Findings, options: argparse.Namespace) -> int:
     return code
 
 
-# ---- fidelity -----------------------------------------------------------------------------------------------------
-
-
-def add_fidelity(parser: Parser) -> None:
-    truth = "studio/truth"
-    parser.option("--truth", "DIR", Path, f"the studio's truth; default: {truth}", Path(truth))
-    parser.option("--scenes", "LIST", some_names, "some scenes, e.g. curling,shelf", [])
-    add_output(parser, "write a page with strips of frames in this folder")
-
-
-def run_fidelity(options: argparse.Namespace) -> int:
-    from physgen.evaluate import fidelity
-    from physgen.evaluate.measure import Section, check_folder
-
-    check_folder(options.output, plots=True)
-    bar = Bar()
-    result = fidelity.evaluate(options.truth, options.scenes, bar.show)
-    found = fidelity.findings(result)
-    if options.output:
-        sheets = tuple(fidelity.strips(fidelity.truths(options.truth, options.scenes)))
-        found = replace(found, sections=(*found.sections, Section("Frames", (), sheets)))
-    bar.clear()
-    return hand_over(found, options)
-
-
 # ---- segmentation -------------------------------------------------------------------------------------------------
 
 
@@ -86,7 +61,7 @@ def add_segmentation(parser: Parser) -> None:
     about = "photos with label maps: NAME.png and NAME.labels.png, or folders of photo.png and photo.assets/masks.png"
     parser.add_argument("folder", metavar="FOLDER", type=Path, help=about)
     parser.option("--backend", "ROLE=NAME", str, "what segments: segment=NAME", [], action="append")
-    add_output(parser, "write a page, and the result as JSON, in this folder")
+    add_output(parser)
 
 
 def run_segmentation(options: argparse.Namespace) -> int:
@@ -129,7 +104,7 @@ def add_fid(parser: Parser) -> None:
     parser.option("--size", "PX", whole(16, 4096), "the shorter side of all frames; default: 256", 256)
     about = "resamplings of clips for intervals, 0 for none; default: 200"
     parser.option("--draws", "N", whole(0, 10_000), about, 200)
-    add_output(parser, "write a page, and the result as JSON, in this folder")
+    add_output(parser)
 
 
 def run_fid(options: argparse.Namespace) -> int:
@@ -222,7 +197,7 @@ def run_properties(options: argparse.Namespace) -> int:
 def add_runtime(parser: Parser) -> None:
     about = "folders of clips, whose manifests are read"
     parser.add_argument("folders", metavar="DIR", nargs="+", type=Path, help=about)
-    add_output(parser, "write a page in this folder")
+    add_output(parser)
 
 
 def run_runtime(options: argparse.Namespace) -> int:
@@ -345,13 +320,6 @@ def run_leaderboard(options: argparse.Namespace) -> int:
 # ---- the command --------------------------------------------------------------------------------------------------
 
 MEASURES = (
-    Command(
-        "fidelity",
-        "Frames against the studio's truth videos; ends with 1 below the bar in docs/evaluation.md.",
-        "fidelity --scenes curling,shelf",
-        add_fidelity,
-        run_fidelity,
-    ),
     Command(
         "segmentation",
         "Objects found in photos against their true masks, as COCO counts them.",

@@ -1,62 +1,29 @@
-"""Result of a measure, and its form as terminal text, Markdown, JSON and a page with plots.
+"""Result of a measure, and its form as terminal text, Markdown, JSON and a page.
 
-A measure returns one `Findings`: sentences, tables, figures, the bars to be met, and the same as data. Numbers in
+A measure returns one `Findings`: sentences, tables, the bars to be met, and the same as data. Numbers in
 tables are texts; `rows` holds them in full. What is not known is "-" in tables and None in data, never NaN.
 """
 
 from __future__ import annotations
 
-import base64
 import json
 import shlex
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import cv2
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any
 
 from physgen import __version__
 from physgen.files import back_up, write_atomic
 from physgen.problems import InputError
 from physgen.report.html import template
-from physgen.report.plot_style import (
-    DPI,
-    MM,
-    PALETTE,
-    Palette,
-    add_axes,
-    figure_bytes,
-    new_figure,
-    plot_settings,
-    require_matplotlib,
-)
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 
 Progress = Callable[[str, int, int], None]
 """Stage, steps done, steps in all."""
 PAGE, RESULT = "index.html", "result.json"
-
-
-@dataclass(frozen=True)
-class Look:
-    """Of results in a terminal and on a page."""
-
-    columns: int = 100
-    """Of a terminal that a sentence may take."""
-    quality: int = 88
-    """JPEG quality of pictures in a page."""
-    margins: tuple[float, float, float, float] = (15.0, 4.0, 11.0, 4.0)
-    """mm around the axes of a plot: left, right, below, above."""
-
-
-LOOK = Look()
+COLUMNS = 100
+"""Of a terminal that a sentence may take."""
 
 
 @dataclass(frozen=True)
@@ -75,22 +42,12 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Figure:
-    """A plot or picture, for the page alone."""
-
-    picture: str | bytes
-    """SVG as text, or PNG or JPEG as bytes."""
-    about: str
-    """Caption and alternative text."""
-
-
-@dataclass(frozen=True)
 class Section:
     """A titled part of the page."""
 
     title: str
     sentences: tuple[str, ...] = ()
-    parts: tuple[Table | Figure, ...] = ()
+    tables: tuple[Table, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -132,10 +89,6 @@ class Findings:
         rows = {"rows": list(self.rows), "bars": bars, "passed": self.passed}
         return {"measure": self.measure, **self.more, **rows}
 
-    def with_figure(self, figure: Figure) -> Findings:
-        """With a section of its own for the figure, at the end."""
-        return replace(self, sections=(*self.sections, Section("Figure", (), (figure,))))
-
 
 def as_json(findings: Findings) -> str:
     """What `--json` prints. Raises ValueError for a number that is not finite."""
@@ -147,9 +100,8 @@ def text(findings: Findings) -> str:
     lines = [findings.title, "", *_wrapped(findings.sentences)]
     for section in findings.sections:
         lines += ["", section.title, *_wrapped(section.sentences)]
-        for part in section.parts:
-            if isinstance(part, Table):
-                lines += ["", *([part.title] if part.title else []), *columns(part), *_wrapped([part.note])]
+        for table in section.tables:
+            lines += ["", *([table.title] if table.title else []), *columns(table), *_wrapped([table.note])]
     if findings.bars:
         lines += ["", *map(str, findings.bars)]
     return "\n".join(lines) + "\n"
@@ -160,11 +112,10 @@ def markdown(findings: Findings) -> str:
     lines = [f"# {findings.title}", "", *findings.sentences, ""]
     for section in findings.sections:
         lines += [f"## {section.title}", "", *section.sentences, *([""] if section.sentences else [])]
-        for part in section.parts:
-            if isinstance(part, Table):
-                lines += [f"**{part.title}**", ""] if part.title else []
-                lines += [_row(part.heads), "|".join(["", *("---" for _ in part.heads), ""])]
-                lines += [*map(_row, part.rows), "", *([part.note, ""] if part.note else [])]
+        for table in section.tables:
+            lines += [f"**{table.title}**", ""] if table.title else []
+            lines += [_row(table.heads), "|".join(["", *("---" for _ in table.heads), ""])]
+            lines += [*map(_row, table.rows), "", *([table.note, ""] if table.note else [])]
     lines += [f"- {bar}" for bar in findings.bars]
     return "\n".join(lines).rstrip() + "\n"
 
@@ -212,7 +163,7 @@ def counted(count: int, what: str) -> str:
 
 
 def _wrapped(sentences: Sequence[str]) -> list[str]:
-    return [line for sentence in sentences for line in textwrap.wrap(sentence, LOOK.columns)]
+    return [line for sentence in sentences for line in textwrap.wrap(sentence, COLUMNS)]
 
 
 def _row(cells: Sequence[str]) -> str:
@@ -222,20 +173,16 @@ def _row(cells: Sequence[str]) -> str:
 # ---- the page ----------------------------------------------------------------------------------------------------
 
 
-def check_folder(folder: Path | None, plots: bool = False) -> None:
-    """Raises InputError where no page can be written, or where matplotlib is missing for its `plots`."""
-    if folder is None:
-        return
-    if folder.exists() and not folder.is_dir():
+def check_folder(folder: Path | None) -> None:
+    """Raises InputError where no page can be written."""
+    if folder is not None and folder.exists() and not folder.is_dir():
         raise InputError.of("-o", f'"{folder}"', "is a file", "name a folder with -o")
-    if plots:
-        require_matplotlib()
 
 
 def write_page(
     findings: Findings, folder: Path, command: Sequence[str], keep: Callable[[Path], None] = lambda kept: None
 ) -> Path:
-    """`index.html`, which holds its pictures, and `result.json`; those of an earlier run are replaced.
+    """`index.html` and `result.json`; those of an earlier run are replaced.
 
     A page of another origin is set aside as `index.html~`, and `keep` is called with it. Returns the page's path.
     """
@@ -255,54 +202,13 @@ def write_files(findings: Findings, page: str, folder: Path, keep: Callable[[Pat
 
 def html(findings: Findings, command: Sequence[str]) -> str:
     """The page; it loads nothing from a network."""
-    sections = [
-        {
-            "title": section.title,
-            "sentences": section.sentences,
-            "parts": [
-                {"table": part, "right": part.numeric}
-                if isinstance(part, Table)
-                else {"source": _data_uri(part.picture), "about": part.about}
-                for part in section.parts
-            ],
-        }
-        for section in findings.sections
-    ]
     page: str = template("findings.html.j2").render(
         title=findings.title,
         measure=findings.measure,
         sentences=findings.sentences,
         bars=findings.bars,
-        sections=sections,
+        sections=findings.sections,
         command=shlex.join(command),
         version=__version__,
     )
     return page
-
-
-def _data_uri(picture: str | bytes) -> str:
-    if isinstance(picture, str):
-        kind, data = "svg+xml", picture.encode()
-    else:
-        kind, data = "png" if picture[:4] == b"\x89PNG" else "jpeg", picture
-    return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
-
-
-def photo(rgb: NDArray[np.uint8], about: str) -> Figure:
-    """A picture (H, W, 3) sRGB as a figure."""
-    bgr = np.ascontiguousarray(rgb[..., ::-1])
-    _, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, LOOK.quality])
-    return Figure(bytes(data), about)
-
-
-def plotted(
-    draw: Callable[[Axes, Palette], None], about: str, width: float = 150.0, height: float = 75.0
-) -> Figure:
-    """An SVG plot, `width` x `height` mm, the same bytes on every run. Raises InputError without matplotlib."""
-    require_matplotlib()
-    with plot_settings():
-        figure = new_figure(width / MM, height / MM, dpi=DPI)
-        left, right, below, above = LOOK.margins
-        place = (left, below, width - left - right, height - below - above)
-        draw(add_axes(figure, *(side / MM for side in place)), PALETTE)
-    return Figure(figure_bytes(figure, "svg", about).decode(), about)

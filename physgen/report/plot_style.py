@@ -17,7 +17,6 @@ from physgen.files import write_atomic
 from physgen.problems import InputError
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 MM = 25.4
@@ -111,12 +110,6 @@ def new_figure(width: float, height: float, **options: Any) -> Figure:
     return Figure(figsize=(width, height), **options)
 
 
-def add_axes(figure: Figure, left: float, bottom: float, width: float, height: float) -> Axes:
-    """Axes at a place in inches from the lower left."""
-    across, up = figure.get_size_inches()
-    return figure.add_axes((left / across, bottom / up, width / across, height / up))
-
-
 def check_name(path: Path) -> None:
     """Raises InputError where no figure can be written, before anything is computed."""
     if path.suffix.lower() not in KINDS or path.is_dir():
@@ -125,19 +118,15 @@ def check_name(path: Path) -> None:
 
 def write_figure(figure: Figure, path: Path, title: str) -> None:
     """Atomically; folders are created. Neither time nor machine is recorded."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomic(path, figure_bytes(figure, path.suffix.lower()[1:], title))
-
-
-def figure_bytes(figure: Figure, kind: str, title: str) -> bytes:
-    """As `png`, `svg` or `pdf`."""
     about = {
-        "png": {"Title": title, "Software": "physgen"},
-        "svg": {"Title": title, "Creator": "physgen", "Date": None},
-        "pdf": {"Title": title, "Creator": "physgen", "Producer": "matplotlib", "CreationDate": None},
+        ".png": {"Title": title, "Software": "physgen"},
+        ".svg": {"Title": title, "Creator": "physgen", "Date": None},
+        ".pdf": {"Title": title, "Creator": "physgen", "Producer": "matplotlib", "CreationDate": None},
     }
+    kind = path.suffix.lower()
     buffer = io.BytesIO()
     with plot_settings(), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing")  # a box is drawn instead
-        figure.savefig(buffer, format=kind, dpi=figure.dpi, metadata=about[kind])
-    return buffer.getvalue()
+        figure.savefig(buffer, format=kind[1:], dpi=figure.dpi, metadata=about[kind])
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomic(path, buffer.getvalue())

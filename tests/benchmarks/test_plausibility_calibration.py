@@ -81,6 +81,6 @@ def test_balanced_accuracy_counts_right_and_wrong_alike() -> None:
     silent = counted([*said, Said("physgen", "ramp", "right", 9, 30, "exact", None, {})])
     assert silent[0]["not_asked"] == 1
     assert balanced(silent) == pytest.approx((8 / 9 + 0.5) / 2)  # what cannot be asked is not told rightly
-    found = findings(rows, range(1000, 1001), plots=False)
+    found = findings(rows, range(1000, 1001))
     assert not found.passed
     assert "75.0 %" in found.sentences[0]

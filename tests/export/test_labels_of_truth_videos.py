@@ -9,9 +9,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "benchmarks"))
-from label_truth import TRUTH, compared  # noqa: E402
-
-from physgen.evaluate.fidelity import truths  # noqa: E402
+from fidelity import TRUTH, truths  # noqa: E402
+from label_truth import compared  # noqa: E402
 
 BALLS = ("billiards", "curling")
 

@@ -1,4 +1,4 @@
-"""`evaluate fidelity` as it is asked, and how it ends."""
+"""The command `fidelity.py`: its bar, its exit codes and its strips of frames."""
 
 from __future__ import annotations
 
@@ -6,23 +6,15 @@ import json
 import re
 from pathlib import Path
 
+import cv2
+import fidelity
 import pytest
-
-from physgen.cli.main import main
-from physgen.evaluate import fidelity
+from fidelity import main
 
 
-@pytest.mark.parametrize(
-    ("scenes", "said"),
-    [(" , ", "names none"), ("curling,nope", "nope has no truth")],
-)
-def test_scenes_that_are_none(scenes: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
-    try:
-        code = main(["evaluate", "fidelity", "--scenes", scenes])
-    except SystemExit as ended:
-        code = int(str(ended.code))
-    assert code == 2
-    assert said in capsys.readouterr().err
+def test_a_scene_without_truth_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--scenes", "curling,nope"]) == 2
+    assert "nope has no truth" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("ahead", "code", "state"), [(0.89, 1, "MISSED"), (4.5, 0, "met")])
@@ -37,25 +29,27 @@ def test_its_bar_is_told_with_its_exit_code(
     assert better == pytest.approx(ahead)
     result = {"rows": rows, "means": fidelity.means(rows), "ahead": better}
     monkeypatch.setattr(fidelity, "evaluate", lambda *_: result)
-    assert main(["evaluate", "fidelity", "--json"]) == code
+    assert main(["--json"]) == code
     (bar,) = json.loads(capsys.readouterr().out)["bars"]
     assert (bar["found"], bar["bar"], bar["passed"]) == (f"{ahead:.2f} dB", "4 dB", code == 0)
-    assert main(["evaluate", "fidelity"]) == code
+    assert main([]) == code
     text = capsys.readouterr().out
     assert f"{ahead:.2f} dB, the bar is 4 dB: {state}" in text
     assert re.search(rf"^a +test +{20 + ahead:.2f} / - +20.00 / -$", text, re.M)
 
 
 @pytest.mark.slow
-def test_a_page_has_frames(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_strips_are_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three rows of four frames, the lowest of them the truth's."""
     rows = [{"scene": "curling", "half": "test", "way": "ours", "psnr_both": 28.4}]
     monkeypatch.setattr(fidelity, "evaluate", lambda *_: {"rows": rows, "means": [], "ahead": None})
-    assert main(["evaluate", "fidelity", "--scenes", "curling", "-o", str(tmp_path / "page")]) == 0
-    page = (tmp_path / "page" / "index.html").read_text()
-    assert page.count("data:image/jpeg") == 1
-    assert "curling, from above: paper, relit, ours, and the truth, at the same moments." in page
+    assert main(["--scenes", "curling", "-o", str(tmp_path)]) == 0
+    (truth,) = fidelity.truths(fidelity.TRUTH, ["curling"])
+    (*_, (last, _)) = truth.frames()
+    strips = cv2.imread(str(tmp_path / "curling.jpg"))[..., ::-1]
+    height, width = last.shape[:2]
+    assert strips.shape == (3 * height, 4 * width, 3)
+    assert abs(strips[-height:, -width:].astype(float) - last).mean() < 3
 
 
 def test_scenes_of_no_half_have_no_bar(
@@ -63,5 +57,5 @@ def test_scenes_of_no_half_have_no_bar(
 ) -> None:
     rows = [{"scene": "a", "half": "", "way": "ours", "psnr_both": None}]
     monkeypatch.setattr(fidelity, "evaluate", lambda *_: {"rows": rows, "means": [], "ahead": None})
-    assert main(["evaluate", "fidelity"]) == 0
+    assert main([]) == 0
     assert "there is no bar" in capsys.readouterr().out
