@@ -74,7 +74,7 @@ come out soft and are warned of.
 - **FID as published**: the Inception file cannot be shipped. `physgen evaluate fid --inception FILE` uses yours.
 - **Other methods' videos** (SEINE, DynamiCrafter, I2VGen-XL): none is available here.
 - **Refinement with real weights**, and anything on a GPU: tests run the algorithm with tiny random weights.
-- **A model's estimates of physics**: `physgen evaluate properties --backend physics=vlm` asks whichever is configured.
+- **A model's estimates of physics**: `python benchmarks/properties.py --backend physics=vlm` asks a configured one.
 """
 
 
@@ -132,7 +132,7 @@ def segmentation(rows: Any) -> list[Row]:
 def properties(rows: Any) -> list[Row]:
     told = [sentence for sentence in rows[0]["sentences"] if " The paper: " in sentence]
     asked = ("Mass", "Order of friction", "Order of elasticity")
-    command = "`physgen evaluate properties`"
+    command = "`python benchmarks/properties.py`"
     found = [sentence.split(" The paper: ") for sentence in told]
     found[0][0] += " Label and size are given; whoever wrote the table knew what is asked."
     return [

@@ -79,8 +79,6 @@ INTENDED: dict[str, str] = {
     "commands/plot --help*": "--dark, --si, --columns went; --width takes mm",
     "commands/perceive --help*": "--fallback and --keep-models are gone",
     "commands/gallery --help*": "--single-file went",
-    "measures/properties*": "the studio's photos are a benchmark; only the paper's two figures of masses are left",
-    "commands/evaluate properties --help*": "--truth: the same; --answers and --save-answers went",
     "measures/segmentation*": "one scope; no labels, means over photos, curves at other IoUs",
     "commands/evaluate physics --help*": "closed forms are a benchmark",
     "commands/backends --help*": "--fallback is gone",
@@ -135,7 +133,7 @@ COMMANDS = (
     *("gallery", "plot", "verify", "pack", "unpack", "cache", "backends", "schema", "evaluate"),
 )
 MEASURES = (
-    *("physics", "segmentation", "fid", "properties"),
+    *("physics", "segmentation", "fid"),
     *("runtime", "study", "leaderboard"),
 )
 
@@ -423,7 +421,6 @@ def tasks(runner: Runner, quick: bool) -> Iterator[tuple[str, Callable[[], Value
         *("--draws", "1", "--no-convergence", "--jobs", "1", "--json"),
     )
     yield "measures/physics", lambda: json_values(runner, "evaluate", "physics", *rows)
-    yield "measures/properties", lambda: json_values(runner, "evaluate", "properties", "--json")
     if not quick:
         yield "measures/segmentation", lambda: segmentation_values(runner)
     for case in sorted(path.name for path in folder.glob("cases/*.yaml")):

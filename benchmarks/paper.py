@@ -1,4 +1,4 @@
-"""What `evaluate properties`, `controllability` and `runtime` find -> JSON, and parts of docs/benchmarks.md."""
+"""What the measures of properties, controllability and runtime find -> JSON, and parts of docs/benchmarks.md."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from typing import Any
 from controllability import findings as answered
 from controllability import sweep
 from layout import prose, table
+from properties import MASS, ORDER, SHIPPED, Asked, ask, read_table
+from properties import findings as weighed
 from studio_properties import ask_photos, with_studio
 
 from physgen import pipeline
 from physgen.environment import gpu, this_machine
 from physgen.evaluate.measure import Findings, Progress
-from physgen.evaluate.properties import MASS, ORDER, SHIPPED, Asked, ask, read_table
-from physgen.evaluate.properties import findings as weighed
 from physgen.evaluate.runtime import Run, Time, total
 from physgen.evaluate.runtime import findings as timed
 from physgen.registry import Backends

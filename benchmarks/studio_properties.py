@@ -12,9 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-from physgen.evaluate.measure import Findings, Progress, Table
-from physgen.evaluate.properties import (
+from properties import (
     COEFFICIENTS,
     MASS,
     NUMBERS,
@@ -26,6 +24,8 @@ from physgen.evaluate.properties import (
     masses,
     order,
 )
+
+from physgen.evaluate.measure import Findings, Progress, Table
 from physgen.maps import read_labels
 from physgen.materials import kind as kind_of
 from physgen.perceive.perceive import fit_objects

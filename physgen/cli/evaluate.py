@@ -158,39 +158,6 @@ def methods(paths: Sequence[Path]) -> dict[str, list[Path]]:
     return named
 
 
-# ---- properties ---------------------------------------------------------------------------------------------------
-
-
-def add_properties(parser: Parser) -> None:
-    about = (
-        "objects with what is true of them, in YAML; default: 42 of the YCB set, and published comparisons"
-    )
-    parser.add_argument("table", metavar="TABLE", nargs="?", type=Path, help=about)
-    parser.option("--backend", "ROLE=NAME", str, "what answers: physics=NAME", [], action="append")
-    parser.option("--config", "FILE", Path, "read this in place of ~/.config/physgen/physgen.toml")
-    parser.flag("--hide-size", "give the name of each object without its size")
-    add_output(parser)
-
-
-def run_properties(options: argparse.Namespace) -> int:
-    from physgen.evaluate.measure import check_folder
-    from physgen.evaluate.properties import SHIPPED, Asked, ask, findings, read_table
-    from physgen.registry import Backends, choices, load_plan
-
-    check_folder(options.output)
-    if others := set(choices(options.backend)) - {"physics"}:
-        role = f'"{", ".join(sorted(others))}"'
-        raise InputError.of("--backend", role, "has no part in this", "write physics=NAME")
-    table = read_table(options.table or SHIPPED)
-    backends = Backends(load_plan(options.backend, config=options.config).of(("physics",)))
-    bar = Bar()
-    answers = ask(table, backends, not options.hide_size, bar.show)
-    bar.clear()
-    backends.close()
-    found = findings(table, answers, Asked(backends.name("physics"), not options.hide_size))
-    return hand_over(found, options)
-
-
 # ---- runtime ------------------------------------------------------------------------------------------------------
 
 
@@ -333,13 +300,6 @@ MEASURES = (
         "fid out/mine --reference filmed --inception inception-2015-12-05.pt -o out/fid",
         add_fid,
         run_fid,
-    ),
-    Command(
-        "properties",
-        "Masses, and orders of friction and elasticity, against measurements of others.",
-        "properties -o out/properties",
-        add_properties,
-        run_properties,
     ),
     Command(
         "runtime",

@@ -9,11 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy import stats
-from vlm_stub import BALL, Stub, said
-
-from physgen.cli.main import main
-from physgen.evaluate.properties import (
+from properties import (
     SHIPPED,
     Answer,
     Asked,
@@ -22,10 +18,14 @@ from physgen.evaluate.properties import (
     Objects,
     ask,
     findings,
+    main,
     masses,
     order,
     read_table,
 )
+from scipy import stats
+from vlm_stub import BALL, Stub, said
+
 from physgen.problems import InputError
 from physgen.registry import Backends
 
@@ -84,7 +84,7 @@ def test_the_shipped_table_is_a_test_and_no_source() -> None:
     for item in table.weighed:
         assert item.mass is not None
         assert 0.02 < 1000 * item.mass / sides[item.form](item.size) < 5, item.name  # g/cm³ of its box
-    knowledge = (SHIPPED.parents[1] / "materials.yaml").read_text()
+    knowledge = (SHIPPED.parents[1] / "physgen" / "materials.yaml").read_text()
     for word in ("YCB", "Calli", "OpenStax", "Factbook", "Transport Units"):
         assert word in SHIPPED.read_text()
         assert word not in knowledge
@@ -116,7 +116,7 @@ def test_right_answers_are_right_and_turned_ones_are_not(tmp_path: Path) -> None
 
 def test_the_backend_answers_on_a_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table, page = written(tmp_path / "t.yaml"), tmp_path / "page"
-    assert main(["evaluate", "properties", str(table), "-o", str(page)]) == 0
+    assert main([str(table), "-o", str(page)]) == 0
     text = capsys.readouterr().out
     assert "The backend table gives 2 of 2 masses to within 30 %" in text
     assert "materials.yaml" in text  # what is independent is said
@@ -128,7 +128,7 @@ def test_a_model_is_asked_one_by_one(
     vlm_stub: Stub, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     table = written(tmp_path / "t.yaml")
-    asked = ["evaluate", "properties", str(table), "--backend", "physics=vlm", "--json"]
+    asked = [str(table), "--backend", "physics=vlm", "--json"]
     assert main(asked) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["by"] == "vlm"
@@ -175,7 +175,7 @@ def test_faults_of_flags(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert main(["evaluate", "properties", *flags]) == 2
+    assert main([*flags]) == 2
     assert wrong in capsys.readouterr().err
 
 
