@@ -60,7 +60,6 @@ INTENDED: dict[str, str] = {
     "*/scene-1.schema.json/*/description": "descriptions of keys are in plainer words",
     "commands/evaluate plausibility --help*": "it went to benchmarks/judge_motion.py",
     "commands/evaluate leaderboard --help*": "fewer variants of the page",
-    "commands/evaluate runtime --help*": "fewer variants of the table",
     "*/caption*": "captions name each object and have no grammar of their own",
     "*/prompt*": "captions name each object and have no grammar of their own",
     "*/events/events.csv": "events.json has the same",
@@ -134,7 +133,7 @@ COMMANDS = (
 )
 MEASURES = (
     *("physics", "segmentation", "fid"),
-    *("runtime", "study", "leaderboard"),
+    *("study", "leaderboard"),
 )
 
 

@@ -158,27 +158,6 @@ def methods(paths: Sequence[Path]) -> dict[str, list[Path]]:
     return named
 
 
-# ---- runtime ------------------------------------------------------------------------------------------------------
-
-
-def add_runtime(parser: Parser) -> None:
-    about = "folders of clips, whose manifests are read"
-    parser.add_argument("folders", metavar="DIR", nargs="+", type=Path, help=about)
-    add_output(parser)
-
-
-def run_runtime(options: argparse.Namespace) -> int:
-    from physgen.environment import gpu, this_machine
-    from physgen.evaluate.measure import check_folder
-    from physgen.evaluate.runtime import findings, read_runs
-
-    check_folder(options.output)
-    runs = read_runs(options.folders, print_problem)
-    graphics = gpu()
-    found = findings(runs, f"{this_machine()}{f', {graphics}' if graphics else ', no GPU'}")
-    return hand_over(found, options)
-
-
 # ---- study --------------------------------------------------------------------------------------------------------
 
 
@@ -300,13 +279,6 @@ MEASURES = (
         "fid out/mine --reference filmed --inception inception-2015-12-05.pt -o out/fid",
         add_fid,
         run_fid,
-    ),
-    Command(
-        "runtime",
-        "Time of each stage, from the records of clips.",
-        "runtime out -o out/runtime",
-        add_runtime,
-        run_runtime,
     ),
     Command(
         "study",

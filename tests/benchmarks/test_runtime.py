@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from runtime import main, read_runs
 
 from physgen import environment
-from physgen.cli.main import main
-from physgen.evaluate.runtime import read_runs
+from physgen.cli.main import main as physgen
 
 WALLS = (1.0, 5.0, 2.0)
 
@@ -40,7 +40,7 @@ def clips(tmp_path: Path) -> Path:
 
 
 def told_of(*flags: object, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
-    assert main(["evaluate", "runtime", *map(str, flags), "--json"]) == 0
+    assert main([*map(str, flags), "--json"]) == 0
     found: dict[str, Any] = json.loads(capsys.readouterr().out)
     return found
 
@@ -60,7 +60,7 @@ def test_medians_and_ranges(clips: Path, capsys: pytest.CaptureFixture[str]) -> 
 
 def test_the_papers_time_is_of_the_same_parts(clips: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """By its table: 5 s of simulation, 60 of rendering, 35 of refinement; nobody perceived."""
-    assert main(["evaluate", "runtime", str(clips)]) == 0
+    assert main([str(clips)]) == 0
     told = capsys.readouterr().out
     assert "The paper: 100 s for these parts, on an A40." in " ".join(told.split())
     assert next(line for line in told.splitlines() if line.startswith("whole runs")).endswith("100 of 180")
@@ -116,10 +116,10 @@ def test_what_models_took_comes_from_the_scenes_assets(clips: Path) -> None:
 )
 def test_manifests_without_times(tmp_path: Path, stages: Any, capsys: pytest.CaptureFixture[str]) -> None:
     clip(tmp_path / "out" / "a", 1.0, stages=stages)
-    assert main(["evaluate", "runtime", str(tmp_path / "out")]) == 2
+    assert main([str(tmp_path / "out")]) == 2
     assert "out/a/manifest.json: has no times of its stages; make the clip again" in capsys.readouterr().err
     clip(tmp_path / "out" / "b", 1.0)
-    assert main(["evaluate", "runtime", str(tmp_path / "out")]) == 0
+    assert main([str(tmp_path / "out")]) == 0
     assert "out/a/manifest.json: warning: has no times of its stages" in capsys.readouterr().err
 
 
@@ -128,7 +128,7 @@ def test_nothing_to_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
         ([tmp_path], "holds no clips"),
         ([tmp_path / "no"], "is no folder"),
     ):
-        assert main(["evaluate", "runtime", *map(str, flags)]) == 2
+        assert main([*map(str, flags)]) == 2
         assert wrong in capsys.readouterr().err
 
 
@@ -137,7 +137,7 @@ def test_a_manifest_names_the_machine(tmp_path: Path) -> None:
         "physgen: 1\nsize: [64, 48]\nworld: {duration: 0.1}\n"
         "objects: {a: {shape: {circle: {center: [30, 20], radius: 8}}}}\n"
     )
-    assert main(["render", str(tmp_path / "a.yaml"), "-o", str(tmp_path / "out")]) == 0
+    assert physgen(["render", str(tmp_path / "a.yaml"), "-o", str(tmp_path / "out")]) == 0
     told = json.loads((tmp_path / "out" / "a" / "manifest.json").read_text())
     assert told["platform"] == environment.this_machine().as_dict()
     assert told["platform"]["cores"] >= 1
