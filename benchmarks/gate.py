@@ -59,7 +59,6 @@ INTENDED: dict[str, str] = {
     "commands/schema*": "descriptions of keys are in plainer words",
     "*/scene-1.schema.json/*/description": "descriptions of keys are in plainer words",
     "commands/evaluate plausibility --help*": "it went to benchmarks/judge_motion.py",
-    "commands/evaluate leaderboard --help*": "fewer variants of the page",
     "*/caption*": "captions name each object and have no grammar of their own",
     "*/prompt*": "captions name each object and have no grammar of their own",
     "*/events/events.csv": "events.json has the same",
@@ -131,10 +130,7 @@ COMMANDS = (
     *("perceive", "import", "edit", "check", "simulate", "render", "sweep", "export", "dataset", "refine"),
     *("gallery", "plot", "verify", "pack", "unpack", "cache", "backends", "schema", "evaluate"),
 )
-MEASURES = (
-    *("physics", "segmentation", "fid"),
-    *("study", "leaderboard"),
-)
+MEASURES = ("physics", "segmentation", "fid", "study")
 
 
 class Runner:

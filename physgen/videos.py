@@ -88,13 +88,6 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
             yield container, stream
 
 
-def plays_anywhere(path: Path) -> bool:
-    """Whether every browser plays it: H.264 of 8 bits, 4:2:0. Raises InputError."""
-    with _opened(path) as (_, stream):
-        codec = stream.codec_context
-        return codec.name == "h264" and codec.pix_fmt in ("yuv420p", "yuvj420p")
-
-
 def _decoded_frames(path: Path) -> Iterator[VideoFrame]:
     """Raises InputError where a frame cannot be decoded."""
     from av.error import FFmpegError

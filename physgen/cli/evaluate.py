@@ -186,8 +186,7 @@ def run_study(options: argparse.Namespace) -> int:
 
 
 def _make_study(options: argparse.Namespace) -> int:
-    from physgen.evaluate.methods import methods_in
-    from physgen.evaluate.study import check_page, make, write_study
+    from physgen.evaluate.study import check_page, make, methods_in, write_study
     from physgen.report.films import size_warning
 
     if any(path.suffix == ".json" for path in options.paths):
@@ -238,31 +237,6 @@ def _read_study(options: argparse.Namespace) -> int:
     return hand_over(findings(answers, options.seed), options)
 
 
-# ---- leaderboard --------------------------------------------------------------------------------------------------
-
-
-def add_leaderboard(parser: Parser) -> None:
-    about = "a folder of methods with METHOD/SCENE.mp4 or METHOD/SCENE/video.mp4 in it"
-    parser.add_argument("folder", metavar="METHODS", type=Path, help=about)
-    add_output(parser, "write the page into this folder; default: the table alone")
-
-
-def run_leaderboard(options: argparse.Namespace) -> int:
-    from physgen.evaluate.leaderboard import findings, make_board, write_board
-    from physgen.evaluate.measure import check_folder
-    from physgen.evaluate.methods import methods_in
-
-    check_folder(options.output)
-    bar = Bar()
-    board = make_board(methods_in(options.folder), bar.show)
-    bar.clear()
-    if options.output:
-        index = write_board(board, options.output, options.command_line, print_backup)
-        print_error(f"the page: {index}")
-    show(findings(board), options)
-    return OK
-
-
 # ---- the command --------------------------------------------------------------------------------------------------
 
 MEASURES = (
@@ -286,13 +260,6 @@ MEASURES = (
         "study METHODS -o study.html, then: physgen evaluate study answers/*.json --key study.key.json -o out/study",
         add_study,
         run_study,
-    ),
-    Command(
-        "leaderboard",
-        "Methods side by side: clips of every scene in step, with the scores of other measures.",
-        "leaderboard METHODS -o board",
-        add_leaderboard,
-        run_leaderboard,
     ),
 )
 

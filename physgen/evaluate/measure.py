@@ -187,15 +187,10 @@ def write_page(
     A page of another origin is set aside as `index.html~`, and `keep` is called with it. Returns the page's path.
     """
     check_folder(folder)
-    return write_files(findings, html(findings, command), folder, keep)
-
-
-def write_files(findings: Findings, page: str, folder: Path, keep: Callable[[Path], None]) -> Path:
-    """The page and `result.json` in `folder`."""
     folder.mkdir(parents=True, exist_ok=True)
     if (folder / PAGE).exists() and not (folder / RESULT).exists():
         back_up(folder / PAGE, keep)
-    write_atomic(folder / PAGE, page.encode())
+    write_atomic(folder / PAGE, html(findings, command).encode())
     write_atomic(folder / RESULT, as_json(findings).encode())
     return folder / PAGE
 

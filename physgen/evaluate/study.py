@@ -2,30 +2,40 @@
 
 Every clip is decoded and encoded again, by one encoder with one setting: container, codec, metadata, sound and marks
 of the encoder would reveal the method. What stays is what is seen: size, rate and length.
+
+Clips are `METHODS/<method>/<scene>.mp4`, or `METHODS/<method>/<scene>/video.mp4` as `physgen render` leaves them;
+`METHODS/photos/<scene>.png` and `METHODS/photos/<scene>.txt` may lie beside them.
 """
 
 from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import cv2
 import numpy as np
 
 from physgen.evaluate.measure import Progress
-from physgen.evaluate.methods import Methods, read_clip, within
 from physgen.export.video import Format, open_video
 from physgen.files import resource, write_with_backup
 from physgen.photos import read_photo
 from physgen.problems import InputError, Problem
 from physgen.report.html import script_json, template, webp
-from physgen.text import shown
+from physgen.text import natural, shown
+from physgen.videos import U8, Video, is_picture, plays, read_video
 
+FILMS = (".mp4", ".webm", ".mov", ".m4v", ".mkv", ".avi", ".gif", ".webp")
+"""What a clip may be."""
+PICTURES = (".png", ".jpg", ".jpeg", ".webp")
+PHOTOS = "photos"
+"""The folder in METHODS that is no method."""
+FORM = "put clips at METHOD/SCENE.mp4 or METHOD/SCENE/video.mp4 in it"
 SIDE = 1024
 """px of a clip's and a photo's longer side, at most."""
 QUALITY = 90
@@ -67,6 +77,108 @@ QUESTIONS = (
 interactions and accurately reflects the instructed movements"."""
 SCALE = ("strongly disagree", "disagree", "neither", "agree", "strongly agree")
 """Of scores 1 to 5; the paper names the ends, and calls 4 "Agree"."""
+
+
+# ---- the methods -------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Methods:
+    """What lies in a folder of methods."""
+
+    folder: Path
+    names: tuple[str, ...]
+    """In natural order, as the scenes are."""
+    scenes: tuple[str, ...]
+    films: Mapping[tuple[str, str], Path]
+    """(method, scene) -> its clip."""
+    photos: Mapping[str, Path]
+    """Scene -> the photo that its clips begin with."""
+    words: Mapping[str, str]
+    """Scene -> what was asked of the methods."""
+
+    @property
+    def complete(self) -> tuple[str, ...]:
+        """Scenes that every method has made."""
+        return tuple(s for s in self.scenes if all((name, s) in self.films for name in self.names))
+
+
+def methods_in(folder: Path) -> Methods:
+    """Folders in `folder` that hold clips are methods; raises InputError where there are none, or one scene twice."""
+    if not folder.is_dir():
+        raise InputError.of(str(folder), "", "is no folder", "name a folder with a folder for each method")
+    beside = folder / PHOTOS
+    films: dict[tuple[str, str], Path] = {}
+    for home in _sorted(folder):
+        if not home.is_dir() or home == beside:
+            continue
+        if (home / "manifest.json").is_file() and any(home.glob("video.*")):
+            expected = "is a clip, and no method: its folder holds the clips of one method alone"
+            fix = "name the folder above it, in which each method has one"
+            raise InputError.of(str(home), "", expected, fix)
+        for scene, film in _films(home):
+            before = films.setdefault((home.name, scene), film)
+            if before != film:
+                expected = f'are two clips of the scene "{scene}"'
+                raise InputError.of(str(home), f'"{before}" and "{film}"', expected, "leave one there")
+    if not films:
+        raise InputError.of(str(folder), "", "holds no methods", FORM)
+    names, scenes = (tuple(sorted({pair[k] for pair in films}, key=natural)) for k in (0, 1))
+    pictures: dict[str, Path] = {}
+    words: dict[str, str] = {}
+    for path in _sorted(beside) if beside.is_dir() else ():
+        if path.stem in scenes and path.suffix.lower() in PICTURES:
+            pictures.setdefault(path.stem, path)
+        elif path.stem in scenes and path.suffix.lower() == ".txt":
+            words[path.stem] = " ".join(path.read_text(encoding="utf-8", errors="replace").split())[:500]
+    return Methods(folder, names, scenes, films, pictures, words)
+
+
+def _sorted(folder: Path) -> list[Path]:
+    inside = (path for path in folder.iterdir() if not path.name.startswith("."))
+    return sorted(inside, key=lambda path: natural(path.name))
+
+
+def _films(home: Path) -> Iterator[tuple[str, Path]]:
+    """Scene and clip, of one method: a file, or in a folder of its own `video.mp4` or the only film."""
+    for path in _sorted(home):
+        if path.is_dir():
+            inside = [film for film in _sorted(path) if _is_film(film)]
+            named = [film for film in inside if film.stem == "video"]
+            if named or len(inside) == 1:
+                yield path.name, min(named or inside, key=lambda film: FILMS.index(film.suffix.lower()))
+        elif _is_film(path):
+            yield path.stem, path
+
+
+def _is_film(path: Path) -> bool:
+    """A WebP or GIF may be a poster."""
+    if path.suffix.lower() not in FILMS or not path.is_file():
+        return False
+    try:
+        return path.suffix.lower() not in (".gif", ".webp") or (is_picture(path) and plays(path))
+    except InputError:
+        return False
+
+
+def read_clip(path: Path) -> tuple[Video, float]:
+    """A clip and its frames a second. Raises InputError for one that is no video."""
+    clip = read_video(path)
+    if len(clip.frames) < 2:
+        raise InputError.of(str(path), "", "has one frame: it is no video", "make at least two frames")
+    if clip.fps is None:
+        raise InputError.of(str(path), "", "does not say how fast it plays", "save it as MP4")
+    return clip, clip.fps
+
+
+def within(rgb: U8, side: int = SIDE) -> U8:
+    """(H, W, 3) sRGB with no side longer than `side` px."""
+    high, wide = rgb.shape[:2]
+    part = side / max(high, wide)
+    if part >= 1:
+        return rgb
+    size = max(round(wide * part), 1), max(round(high * part), 1)
+    return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
 # ---- the key -----------------------------------------------------------------------------------------------------
@@ -196,7 +308,7 @@ def make(
             problems += error.problems
     for scene in (scene for scene in scenes if scene in methods.photos):
         try:
-            photos[scene] = webp(within(read_photo(methods.photos[scene]).rgb, SIDE), QUALITY)
+            photos[scene] = webp(within(read_photo(methods.photos[scene]).rgb), QUALITY)
         except InputError as error:
             problems += error.problems
     if problems:
@@ -214,12 +326,12 @@ def make(
 def _encoded(path: Path) -> tuple[bytes, tuple[int, int]]:
     """As an MP4 of ours, and its size. Raises InputError."""
     clip, fps = read_clip(path)
-    first = within(clip.frames[0], SIDE)
+    first = within(clip.frames[0])
     size = first.shape[1], first.shape[0]
     with TemporaryDirectory() as place:
         with open_video(Path(place), Format.MP4, size, fps) as write:
             for frame in clip.frames:
-                write(within(frame, SIDE))
+                write(within(frame))
         return (Path(place) / Format.MP4.file).read_bytes(), size
 
 

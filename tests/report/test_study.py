@@ -15,8 +15,7 @@ from contest import FPS, FRAMES, SHADES, SIZE, contest, write_clip
 from pytest import approx
 
 from physgen.cli.main import main
-from physgen.evaluate.methods import methods_in
-from physgen.evaluate.study import make, read_key
+from physgen.evaluate.study import make, methods_in, read_key
 from physgen.problems import InputError
 
 
