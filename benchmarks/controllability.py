@@ -33,7 +33,6 @@ from physgen.evaluate.measure import Findings, Progress, Section, Table, number
 from physgen.geometry.polygon import Array
 from physgen.problems import InputError
 from physgen.registry import suggestion
-from physgen.report.plot_style import MM, plot_settings, write_figure
 from physgen.scene.scene import Load, Motion, Scene, Solid, View
 from physgen.simulate.trajectory import Trajectory, new_touches
 
@@ -399,8 +398,8 @@ def plot(swept: Swept, path: Path) -> None:
     width, height = high - low
     tall = float(np.clip(120 * height / width, 60, 150))
     wheel = matplotlib.colormaps["hsv"]
-    with plot_settings():
-        figure = Figure(figsize=(120 / MM, tall / MM), layout="constrained")
+    with matplotlib.rc_context({"svg.hashsalt": "physgen", "font.size": 7.5, "axes.linewidth": 0.6}):
+        figure = Figure(figsize=(120 / 25.4, tall / 25.4), layout="constrained")
         axes = figure.subplots()
         if swept.photo is not None:
             step = max(1, -(-max(swept.photo.shape[:2]) // CONSTANTS.short))
@@ -416,7 +415,9 @@ def plot(swept: Swept, path: Path) -> None:
         axes.set(
             xlim=(low[0], high[0]), ylim=(high[1], low[1]), xlabel="x (px)", ylabel="y (px)", aspect="equal"
         )
-    write_figure(figure, path, f"Paths of {swept.object} after each push; a dot is where it ends")
+        about = f"Paths of {swept.object} after each push; a dot is where it ends"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path, metadata={"Title": about, "Date": None})
 
 
 def correlation(first: Array, second: Array) -> float:

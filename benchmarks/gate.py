@@ -74,7 +74,6 @@ INTENDED: dict[str, str] = {
     "scenes/kitchen/*/inputs/scene.yaml": "a comment of the scene is reworded",
     "scenes/ramp/*/inputs/scene.yaml": "a comment of the scene is reworded",
     "measures/physics*": "closed forms are a benchmark; tests/benchmarks holds them",
-    "commands/plot --help*": "--dark, --si, --columns went; --width takes mm",
     "commands/perceive --help*": "--fallback and --keep-models are gone",
     "commands/gallery --help*": "--single-file went",
     "measures/segmentation*": "one scope; no labels, means over photos, curves at other IoUs",
@@ -128,7 +127,7 @@ FORMATS = "frames,flo,tapvid,coco,davis,mot,events,trajectory,physics"
 MAP_FORMATS = "depth,normals,albedo"
 COMMANDS = (
     *("perceive", "import", "edit", "check", "simulate", "render", "sweep", "export", "dataset", "refine"),
-    *("gallery", "plot", "verify", "pack", "unpack", "cache", "backends", "schema", "evaluate"),
+    *("gallery", "verify", "pack", "unpack", "cache", "backends", "schema", "evaluate"),
 )
 MEASURES = ("physics", "segmentation", "fid", "study")
 

@@ -16,12 +16,12 @@ from controllability import sweep
 from layout import prose, table
 from properties import MASS, ORDER, SHIPPED, Asked, ask, read_table
 from properties import findings as weighed
-from runtime import Run, Time, total
+from runtime import Run, Time, gpu, total
 from runtime import findings as timed
 from studio_properties import ask_photos, with_studio
 
 from physgen import pipeline
-from physgen.environment import gpu, this_machine
+from physgen.environment import this_machine
 from physgen.evaluate.measure import Findings, Progress
 from physgen.registry import Backends
 from physgen.report.record import TIMING

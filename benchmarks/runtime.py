@@ -9,9 +9,12 @@ from __future__ import annotations
 
 import argparse
 import json
+import subprocess
 import sys
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cache
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -22,7 +25,7 @@ from measure_command import run
 from physgen.batch.clips import MANIFEST, checked_folders, find_clips
 from physgen.cli.arguments import Parser
 from physgen.cli.output import print_problem
-from physgen.environment import Machine, gpu, this_machine
+from physgen.environment import Machine, this_machine
 from physgen.evaluate.measure import Findings, Progress, Section, Table, number
 from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
 from physgen.report.record import TIMING
@@ -143,6 +146,16 @@ def _perceived(folder: Path, record: Mapping[str, Any]) -> tuple[dict[str, Time]
     except (OSError, ValueError, KeyError, TypeError):
         return {}, ()
     return times, tuple(models)
+
+
+@cache
+def gpu() -> str:
+    """The GPU's model and memory, from nvidia-smi; `""` where there is none."""
+    command = ["nvidia-smi", "--query-gpu=name,memory.total", "--format=csv,noheader"]
+    with suppress(OSError, subprocess.SubprocessError):
+        done = subprocess.run(command, capture_output=True, text=True, timeout=10, check=True)
+        return "; ".join(line.strip() for line in done.stdout.splitlines() if line.strip())
+    return ""
 
 
 # ---- report ------------------------------------------------------------------------------------------------------

@@ -1,10 +1,9 @@
-"""The machine that physgen runs on: processor, memory, GPU."""
+"""The machine that physgen runs on: processor and memory."""
 
 from __future__ import annotations
 
 import os
 import platform
-import subprocess
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cache
@@ -38,16 +37,6 @@ class Machine:
 def this_machine() -> Machine:
     """Read once."""
     return Machine(platform.machine(), platform.system(), _processor(), _cores(), _memory())
-
-
-@cache
-def gpu() -> str:
-    """The GPU's model and memory, from nvidia-smi; `""` where there is none."""
-    command = ["nvidia-smi", "--query-gpu=name,memory.total", "--format=csv,noheader"]
-    with suppress(OSError, subprocess.SubprocessError):
-        done = subprocess.run(command, capture_output=True, text=True, timeout=10, check=True)
-        return "; ".join(line.strip() for line in done.stdout.splitlines() if line.strip())
-    return ""
 
 
 def _processor() -> str:

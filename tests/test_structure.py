@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import structure
 
-LIMITS = {"lines": 51_920, "modules": 230, "constants": 393}
+LIMITS = {"lines": 51_350, "modules": 226, "constants": 387}
 """Of physgen/. They only go down; the design asks for 48,000 lines, 240 modules and 700 constants."""
 IDIOM = 60
 """Words that design and documents avoid, in physgen/, templates/, docs/ and README.md."""

@@ -218,26 +218,6 @@ def among(known: Sequence[str]) -> Callable[[str], list[str]]:
     return read
 
 
-def numbers(text: str) -> list[int]:
-    """`0,3,6` -> whole numbers; empty where the text is no such list."""
-    parts = [part.strip() for part in text.split(",") if part.strip()]
-    return [int(part) for part in parts] if all(part.isdecimal() and len(part) < 7 for part in parts) else []
-
-
-def moments(text: str) -> int | list[int]:
-    """`6` -> so many frames; `0,3,6` -> these."""
-    found = numbers(text)
-    if not found:
-        expected = "is neither a number of frames nor a list of them, e.g. 0,3,6"
-        raise argparse.ArgumentTypeError(f"{text} {expected}")
-    if "," in text:
-        return found
-    if not 1 <= found[0] <= 64:
-        expected = f"is not a number of frames from 1 to 64; frame {text} alone is {text},"
-        raise argparse.ArgumentTypeError(f"{text} {expected}")
-    return found[0]
-
-
 def coordinates(flag: str, text: str, count: int) -> tuple[float, ...]:
     """`x,y` or `x,y,w,h` px, the value of a flag; raises InputError."""
     try:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from runtime import main, read_runs
+from runtime import gpu, main, read_runs
 
 from physgen import environment
 from physgen.cli.main import main as physgen
@@ -146,12 +146,12 @@ def test_a_manifest_names_the_machine(tmp_path: Path) -> None:
 
 
 def test_without_its_drivers_program_there_is_no_gpu(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    environment.gpu.cache_clear()
+    gpu.cache_clear()
     monkeypatch.setenv("PATH", str(tmp_path))
-    assert environment.gpu() == ""
+    assert gpu() == ""
     fake = tmp_path / "nvidia-smi"
     fake.write_text("#!/bin/sh\necho 'NVIDIA A40, 46068 MiB'\n")
     fake.chmod(0o755)
-    environment.gpu.cache_clear()
-    assert environment.gpu() == "NVIDIA A40, 46068 MiB"
-    environment.gpu.cache_clear()
+    gpu.cache_clear()
+    assert gpu() == "NVIDIA A40, 46068 MiB"
+    gpu.cache_clear()

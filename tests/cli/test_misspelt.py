@@ -8,7 +8,7 @@ from physgen.cli.main import main
 
 
 @pytest.mark.parametrize(
-    ("command", "meant"), [(["exprot"], "export"), (["plot", "stirp"], "strip"), (["rendr"], "render")]
+    ("command", "meant"), [(["exprot"], "export"), (["evaluate", "studdy"], "study"), (["rendr"], "render")]
 )
 def test_a_word_that_is_misspelt(command: list[str], meant: str, capsys) -> None:
     with pytest.raises(SystemExit) as ended:
