@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from physgen.geometry.polygon import Pose
 from physgen.geometry.shadows import F32, PixelBox, ShadowSetting, Silhouette, blurred, shadow_darkness
 from physgen.maps import U8
+from physgen.perceive.inpaint.poisson import harmonic_fill
 from physgen.photometry import decode, luminance
 
 
@@ -269,6 +270,9 @@ def decompose_shadows(
         if first is not None:
             _add(total, *first)
     rest = _spread_into(cv2.medianBlur(dark - total, 5) * weight, weight, SHADOW.smooth)
+    # behind objects the difference goes on smoothly; nothing there is brighter than without shadows
+    rest = harmonic_fill(rest[..., None], ~open_)[..., 0]
+    np.maximum(rest, np.where(open_, rest, -total), out=rest)
     casts = []
     claims = _claims(everybody, firsts, setting.size)
     claimed, owner = _claimed(claims, dark.shape)

@@ -66,7 +66,11 @@ class SpriteTuning:
     soft: int = 5
     """px beyond a mask's border that its soft coverage may reach."""
     blur: float = 1.2
-    """px: how gently touching objects share the pixels between them."""
+    """px: how gently coverage far from all masks is shared."""
+    crisp: float = 0.5
+    """px: how gently touching objects share the pixels along their border."""
+    distant: float = 1e-3
+    """Weight of BLUR's share beside CRISP's."""
     least: float = 1e-4
     """Of a mask's blur: with BLUR, what is left of it 4.4 px beyond the border."""
     clean: int = 2
@@ -79,6 +83,8 @@ class SpriteTuning:
     """Of an object's shape, from which on a hidden part is completed."""
     seen: float = 0.2
     """Of an object's mask that must lie apart from others, for their rims to be left out of what is continued."""
+    covered: float = 0.2
+    """Share of light that objects in front let through, below which all that a pixel shows is theirs."""
     beside: float = 0.35
     """Of an object's size (root of its mask's area): how far what the lens sees of it may lie beside its shape."""
     texture: float = 3.0
@@ -181,6 +187,8 @@ class Sprite:
     """Of a sphere: its skin, which turns in space; `light` then holds at t = 0 alone."""
     relief: Relief | None = None
     """Of what is no ball: the normals that turn with it, where they are known."""
+    hider: NDArray[np.int32] | None = None
+    """(h, w): 1 + the body that hid or darkened what was completed here; 0: nothing was."""
 
     @cached_property
     def hull(self) -> list[tuple[float, float]]:
@@ -243,7 +251,7 @@ def cut_sprites(
         if k + 1 in boxes and (part := _hidden(labels, absent, k, shape, boxes[k + 1])) is not None:
             hidden[k], boxes[k + 1] = part, part.box
     order = _hiding_last(order, hidden, layers or [0] * len(shapes))
-    total = _soft((labels > 0) | absent)
+    total, crisp_total = (_soft((labels > 0) | absent, sigma) for sigma in (CUT.blur, CUT.crisp))
     around = ((MARGIN, MARGIN), (MARGIN, MARGIN))
     sprites = []
     for k in order:
@@ -251,19 +259,22 @@ def cut_sprites(
             continue
         x0, y0, x1, y1 = boxes[k + 1]
         box = np.s_[y0:y1, x0:x1]
-        soft = _soft(labels[box] == k + 1)
-        share: F32 = np.asarray(soft / np.maximum(total[box], 1e-6), np.float32)
+        soft, crisp = (_soft(labels[box] == k + 1, sigma) for sigma in (CUT.blur, CUT.crisp))
+        shared = (crisp + CUT.distant * soft) / np.maximum(crisp_total[box] + CUT.distant * total[box], 1e-9)
+        share: F32 = np.asarray(shared, np.float32)
         alpha = np.where(soft > CUT.least, coverage[box] * share, 0.0).astype(np.float32)
         alpha[(labels[box] == k + 1) & (alpha > 0.995)] = 1.0
         light = _foreground(photo[box], behind[box], labels[box] == k + 1, alpha, share)
+        hider = None
         if k in hidden:
-            light, alpha = _completed(photo[box], labels[box] == k + 1, light, alpha, hidden[k])
+            light, alpha, hider = _completed(photo[box], labels[box] == k + 1, light, alpha, hidden[k])
         sprites.append(
             Sprite(
                 body=k,
                 corner=(x0 - MARGIN, y0 - MARGIN),
                 light=np.pad(light.astype(np.float32), (*around, (0, 0))),
                 coverage=np.pad(alpha, around),
+                hider=None if hider is None else np.pad(hider, around),
             )
         )
     return anchored(sprites, photo, behind, absent)
@@ -341,8 +352,11 @@ def _hiding_last(order: Sequence[int], hidden: Mapping[int, _Hidden], layers: Se
     return drawn
 
 
-def _completed(photo: F32, mask: Mask, light: F32, alpha: F32, part: _Hidden) -> tuple[F32, F32]:
-    """Light (h, w, 3) and coverage (h, w) with the hidden part: shading goes on smoothly, texture is mirrored."""
+def _completed(
+    photo: F32, mask: Mask, light: F32, alpha: F32, part: _Hidden
+) -> tuple[F32, F32, NDArray[np.int32]]:
+    """Light (h, w, 3) and coverage (h, w) with the hidden part: shading goes on smoothly, texture is mirrored; and
+    `Sprite.hider`."""
     sure = mask & ~dilate(part.by, CUT.clean + 1)
     if np.count_nonzero(sure) < CUT.seen * np.count_nonzero(mask):
         sure = mask
@@ -366,8 +380,10 @@ def _completed(photo: F32, mask: Mask, light: F32, alpha: F32, part: _Hidden) ->
     zone = dilate(part.hole, CUT.clean + 1)
     edge = np.clip(2 * _soft(mask | (part.shape >= 0.5)) - 0.5, 0, 1)
     cover = np.where(zone, np.maximum(alpha, edge), alpha).astype(np.float32)
-    anew = (zone & ~sure)[..., None]
-    return np.asarray(np.where(anew, filled * cover[..., None], light), np.float32), cover
+    anew = zone & ~sure
+    light = np.where(anew[..., None], filled * cover[..., None], light).astype(np.float32)
+    hider = _nearest(np.where(part.by, part.labels, 0).astype(np.int32), np.zeros_like(mask), max(mask.shape))
+    return light, cover, np.where(anew, hider, 0).astype(np.int32)
 
 
 def anchored(
@@ -379,11 +395,12 @@ def anchored(
 ) -> list[Sprite]:
     """Sprites whose `rest` and `halo` make them, over `behind` (H, W, 3) linear, the photo (H, W, 3) at t = 0.
 
-    A pixel's rest goes with the object on top there; where none covers it, with its `owner`
+    A pixel's rest goes with the object that shows most there; where none covers it, with its `owner`
     (H, W), 1 + an index, or with the nearest where that is 0.
     """
     height, width = behind.shape[:2]
     composite, top = behind.copy(), np.zeros((height, width), np.int32)
+    last, most = np.zeros_like(top), np.zeros((height, width), np.float32)
     insides = [
         np.s_[MARGIN : s.coverage.shape[0] - MARGIN, MARGIN : s.coverage.shape[1] - MARGIN] for s in sprites
     ]
@@ -393,9 +410,21 @@ def anchored(
         x0, y0 = sprite.corner[0] + MARGIN, sprite.corner[1] + MARGIN
         place = np.s_[y0 : y0 + alpha.shape[0], x0 : x0 + alpha.shape[1]]
         composite[place] = sprite.light[inside] + (1 - alpha[..., None]) * composite[place]
-        top[place][alpha > 0] = number
+        most[place] *= 1 - alpha
+        ahead = (alpha > 0) & (alpha >= most[place])
+        top[place][ahead], most[place][ahead] = number, alpha[ahead]
+        last[place][alpha > 0] = number
         places.append(place)
-    rest = photo - composite
+    numbers = {sprite.body + 1: number for number, sprite in enumerate(sprites, 1)}
+    for sprite, inside, place in zip(sprites, insides, places, strict=True):
+        if sprite.hider is not None:
+            hider = sprite.hider[inside]
+            for body in np.unique(hider[hider > 0]).tolist():
+                top[place][hider == body] = numbers.get(body, 0)
+    through = _seen_through(sprites, insides, places, top)
+    covered = through < CUT.covered
+    top[covered], through[covered] = last[covered], 1
+    rest = (photo - composite) / through[..., None]
     rest[_soft(absent) > CUT.least] = 0.0
     near = _nearest(top, absent, round(CUT.halo * max(height, width)))
     if owner is not None:
@@ -414,6 +443,20 @@ def anchored(
     return found
 
 
+def _seen_through(
+    sprites: Sequence[Sprite],
+    insides: Sequence[tuple[slice, slice]],
+    places: Sequence[tuple[slice, slice]],
+    top: NDArray[np.int32],
+) -> F32:
+    """(H, W) of what is drawn with sprite number `top` (H, W): what those drawn after it let through."""
+    through = np.ones(top.shape, np.float32)
+    for number, (sprite, inside, place) in enumerate(zip(sprites, insides, places, strict=True), 1):
+        through[place] *= 1 - sprite.coverage[inside]
+        through[place][top[place] == number] = 1
+    return through
+
+
 def _nearest(top: NDArray[np.int32], absent: Mask, reach: int) -> NDArray[np.int32]:
     """(H, W) the number in `top` that is nearest, 0 where that is an `absent` object or none within `reach` px."""
     seeds = (top > 0) | absent
@@ -427,9 +470,9 @@ def _nearest(top: NDArray[np.int32], absent: Mask, reach: int) -> NDArray[np.int
     return np.where(away <= reach, numbers[places], 0).astype(np.int32)
 
 
-def _soft(mask: Mask) -> F32:
-    """A blurred mask: shares of touching masks add up to that of their union."""
-    return np.asarray(cv2.GaussianBlur(mask.astype(np.float32), (0, 0), CUT.blur), np.float32)
+def _soft(mask: Mask, sigma: float = CUT.blur) -> F32:
+    """A mask blurred by `sigma` px: shares of touching masks add up to that of their union."""
+    return np.asarray(cv2.GaussianBlur(mask.astype(np.float32), (0, 0), sigma), np.float32)
 
 
 def _boxes(labels: U16) -> dict[int, tuple[int, int, int, int]]:

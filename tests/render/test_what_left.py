@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from physgen import pipeline
+from physgen.perceive.inpaint.poisson import dilate
+from physgen.photometry import decode
 from physgen.simulate.engine import simulate
 
 
@@ -28,6 +31,37 @@ def test_objects_take_their_shadows_and_rims_with_them(bundled: Path, name: str)
     off = np.abs(empty - maps.clean).max(axis=2)
     assert np.percentile(off[old], 99) <= 3
     assert off[old].max() <= 16
+
+
+def test_marbles_leave_no_rims_beside_their_trough(bundled: Path) -> None:
+    scene = pipeline.load(bundled / "marbles" / "scene.yaml")
+    maps = pipeline.percepts(scene)
+    compiled = pipeline.compile(scene, maps)
+    track = simulate(compiled.world, np.array([0.0, 0.1]))
+    trough = [body.name for body in compiled.world.bodies].index("trough")
+    far = np.full(track.poses[0].shape, 1e5)
+    far[trough] = far[:, 2] = 0
+    away = replace(track, poses=track.poses + np.stack([0 * far, far]))
+    _, left = (
+        frame.rgb.astype(int) for frame in pipeline.render(pipeline.stage(scene, compiled, maps), away)
+    )
+    beside = (maps.labels > 0) & ~dilate(compiled.labels == trough + 1, 2)
+    assert np.count_nonzero(beside) > 4000
+    assert np.abs(left - maps.clean)[beside].max() <= 12
+
+
+def test_shadows_go_on_behind_what_throws_them(bundled: Path) -> None:
+    """What the photo shows of a shadow beside the plank, and what is worked out behind it, meet without a step."""
+    scene = pipeline.load(bundled / "seesaw" / "scene.yaml")
+    maps = pipeline.percepts(scene)
+    compiled = pipeline.compile(scene, maps)
+    lit = pipeline.stage(scene, compiled, maps).lit
+    plank = compiled.labels == 1 + [body.name for body in compiled.world.bodies].index("plank")
+    dark = cv2.blur(np.log(decode(maps.clean).mean(axis=2) / lit.behind().mean(axis=2)), (5, 1))
+    for x in range(130, 190):  # clear of the stone above and of the log below
+        bottom = np.flatnonzero(plank[:, x]).max()
+        assert abs(dark[bottom + 4, x] - dark[bottom + 1, x]) < 0.35
+        assert dark[bottom - 8, x] > -0.02
 
 
 def test_shadows_of_many_leave_light_and_end_at_their_shelf(bundled: Path) -> None:

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.shapes import fill_polygon
-from physgen.perceive.roles import Doubt, Segment, Segments
+from physgen.perceive.inpaint.poisson import dilate
+from physgen.perceive.roles import Doubt, Mask, Segment, Segments
 from physgen.perceive.segment.candidates import FEATURES, Candidates, candidates, confidence, expected_fit
 from physgen.perceive.segment.gradient import smoothed_lab
 from physgen.perceive.segment.network import run_network
@@ -100,14 +101,26 @@ def with_rest_of_set(objects: Segments) -> Segments:
                 cv2.distanceTransform(np.pad(place, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1] * free
             )
             if LEARNED.room[0] * radius <= depth.max() <= LEARNED.room[1] * radius:
-                y, x = np.unravel_index(int(depth.argmax()), depth.shape)
                 rows, columns = np.ogrid[: size[1], : size[0]]
+                y, x = _center_of_room(labels == 0, free, radius)
                 sure.append(doubt.confidence)
                 labels[(np.hypot(columns - x, rows - y) <= radius) & (labels == 0)] = len(sure)
                 break
         else:
             rest.append(doubt)
     return left_to_right(Segments(labels, np.array(sure), rest))
+
+
+def _center_of_room(place: Mask, free: Mask, radius: float) -> tuple[float, float]:
+    """Row and column, near `free` (H, W), of the disc of which most lies in `place` (H, W); the middle of equals."""
+    reach = int(np.ceil(radius))
+    away = np.hypot(*np.ogrid[-reach : reach + 1, -reach : reach + 1])
+    inside = cv2.filter2D(
+        place.astype(np.float32), -1, (away <= radius).astype(np.float32), borderType=cv2.BORDER_CONSTANT
+    )
+    inside *= dilate(free, round(radius / 3))
+    y, x = np.nonzero(inside >= inside.max() - 0.5)
+    return float(y.mean()), float(x.mean())
 
 
 def as_segments(
