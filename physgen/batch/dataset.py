@@ -419,10 +419,7 @@ def gather(
 
 
 def _samples(
-    roots: Sequence[Path],
-    options: DatasetOptions,
-    summary: DatasetSummary,
-    warn: Callable[[Problem], None],
+    roots: Sequence[Path], options: DatasetOptions, summary: DatasetSummary, warn: Callable[[Problem], None]
 ) -> Iterator[Sample]:
     keys: set[str] = set()
     for clip in find_clips(roots):
@@ -455,10 +452,7 @@ def _check_output(out: Path, roots: Sequence[Path]) -> None:
 
 
 def _card(
-    options: DatasetOptions,
-    summary: DatasetSummary,
-    command: Sequence[str],
-    files: Sequence[Path],
+    options: DatasetOptions, summary: DatasetSummary, command: Sequence[str], files: Sequence[Path]
 ) -> str:
     """README.md with the front matter of the Hugging Face Hub."""
     import jinja2

@@ -20,12 +20,7 @@ ALL_OBJECTS = (
     Column("first_touch", "s"),
     Column("touches"),
 )
-EACH_OBJECT = (
-    Column("x", "px"),
-    Column("y", "px"),
-    Column("angle_degrees", "degrees"),
-    *ALL_OBJECTS,
-)
+EACH_OBJECT = (Column("x", "px"), Column("y", "px"), Column("angle_degrees", "degrees"), *ALL_OBJECTS)
 
 
 def columns(tracked: Sequence[str]) -> tuple[Column, ...]:

@@ -20,13 +20,7 @@ def gallery(options: argparse.Namespace) -> int:
         fix = "physgen render scene.yaml -o DIR makes some"
         raise InputError.of(", ".join(map(str, folders)), "", "holds no clips of physgen", fix)
     bar = Bar()
-    made = write_gallery(
-        folders,
-        index,
-        title=options.title,
-        progress=bar.show,
-        keep=print_backup,
-    )
+    made = write_gallery(folders, index, title=options.title, progress=bar.show, keep=print_backup)
     bar.clear()
     if options.json:
         print_json(

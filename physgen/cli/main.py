@@ -95,10 +95,7 @@ def build_parser() -> Parser:
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for command in COMMANDS.values():
         sub = commands.add_parser(
-            command.name,
-            help=command.about,
-            description=command.about,
-            epilog=f"example: {command.example}",
+            command.name, help=command.about, description=command.about, epilog=f"example: {command.example}"
         )
         sub.set_defaults(command=command.name)
         command.add(sub)

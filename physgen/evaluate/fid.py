@@ -413,10 +413,7 @@ def findings(found: Measured, skipped: int = 0) -> Findings:
         kind: word if features.comparable else f"{word}, {features.name}" for kind, word in WORDS.items()
     }
     tables = tuple(_table(found, kind, heads[kind]) for kind in found.found)
-    sections = (
-        Section("Distances", BIASED, tables),
-        Section("How", _how(found)),
-    )
+    sections = (Section("Distances", BIASED, tables), Section("How", _how(found)))
     more = {
         "features": features.name,
         "features_note": dict(features.note()),

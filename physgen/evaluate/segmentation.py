@@ -306,9 +306,7 @@ class Found:
 
 
 def evaluate(
-    pairs: Sequence[Pair],
-    backend: str | Segment | None = None,
-    progress: Progress = lambda *_: None,
+    pairs: Sequence[Pair], backend: str | Segment | None = None, progress: Progress = lambda *_: None
 ) -> Found:
     """Segment every photo by a backend, its name or the default, and judge.
 

@@ -239,11 +239,7 @@ class _Run:
         return matter, max(scales, key=lambda one: one.confidence, default=None)
 
     def find_boundaries(
-        self,
-        found: Detections,
-        objects: Sequence[PhotoObject],
-        view: View | None,
-        scenery: Scenery | None,
+        self, found: Detections, objects: Sequence[PhotoObject], view: View | None, scenery: Scenery | None
     ) -> tuple[BoundaryGuess, Any, Any]:
         """View and walls, with depth and normals where they were needed (else None)."""
         extra: dict[str, Any] = {"scenery": scenery}
@@ -333,11 +329,7 @@ def _empty_scene(rgb: Rgb, found: Detections, pixels_per_meter: float | None) ->
     comments = {"objects": f"no region of the photo looks like a whole object that could be moved; {POINT}"}
     labels, scene["doubtful"] = document.with_doubtful(np.zeros(rgb.shape[:2], np.uint16), found.doubtful)
     percepts = Percepts(
-        rgb=rgb,
-        labels=labels,
-        coverage=np.zeros(labels.shape, np.float32),
-        background=rgb,
-        clean=None,
+        rgb=rgb, labels=labels, coverage=np.zeros(labels.shape, np.float32), background=rgb, clean=None
     )
     suits = Suitability(("no sure objects",))
     return PerceivedScene(percepts, scene, comments, suitability=suits)

@@ -378,12 +378,7 @@ class Stages:
         made = self._stages.of(read, lambda: stage(scene, compiled, maps.percepts))
         return replace(made, starts=photo_poses(compiled.world))  # objects may have been moved since
 
-    def simulate(
-        self,
-        world: World,
-        progress: Progress = silent,
-        tape: StepLog | None = None,
-    ) -> Trajectory:
+    def simulate(self, world: World, progress: Progress = silent, tape: StepLog | None = None) -> Trajectory:
         """See `simulate`. A motion that this process knows leaves the `tape` empty."""
         from physgen.pipeline.cache_keys import motion_key
 
@@ -406,12 +401,7 @@ class Film:
     """Draws the frames of one scene; sprites are cut out when first needed, and the maps are then released."""
 
     def __init__(
-        self,
-        scene: Scene,
-        compiled: Compiled,
-        maps: Maps,
-        record: RunRecord,
-        stages: Stages,
+        self, scene: Scene, compiled: Compiled, maps: Maps, record: RunRecord, stages: Stages
     ) -> None:
         self.scene, self.compiled = scene, compiled
         self._maps: Maps | None = maps

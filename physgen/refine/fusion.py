@@ -140,14 +140,7 @@ def prompt_of(labels: Iterable[str]) -> str:
 
 
 def restore_detail(
-    guidance: U8,
-    refined: F32,
-    guided: F32,
-    coverage: F32,
-    *,
-    detail: float,
-    lock: float,
-    held: float,
+    guidance: U8, refined: F32, guided: F32, coverage: F32, *, detail: float, lock: float, held: float
 ) -> U8:
     """(H, W, 3) sRGB.
 

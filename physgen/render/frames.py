@@ -91,10 +91,7 @@ def boxes_of_tiles(tiles: Sequence[int], size: tuple[int, int]) -> list[Slices]:
         for first, last in [run for run in begun if run not in here]:
             top = begun.pop((first, last))
             found.append(
-                (
-                    slice(top * TILE, min(row * TILE, size[1])),
-                    slice(first * TILE, min(last * TILE, size[0])),
-                )
+                (slice(top * TILE, min(row * TILE, size[1])), slice(first * TILE, min(last * TILE, size[0])))
             )
         for run in here:
             begun.setdefault(run, row)

@@ -111,14 +111,7 @@ def key_entries(world: World, scale: Scales, kinds: Collection[Overlay]) -> list
     forces = Overlay.FORCES if pushed else Overlay.WEIGHT
     rows = (
         (Overlay.VELOCITY, None, "velocity", scale.velocity * meter, "m/s", longest),
-        (
-            forces,
-            Load.FORCE,
-            "force" if pushed else "weight",
-            scale.force * newton,
-            "N",
-            longest,
-        ),
+        (forces, Load.FORCE, "force" if pushed else "weight", scale.force * newton, "N", longest),
         (Overlay.FORCES, Load.IMPULSE, "impulse", scale.impulse * newton, "N·s", longest),
         (Overlay.FORCES, Load.TORQUE, "torque", scale.torque * newton * meter, "N·m", SWEEP),
     )

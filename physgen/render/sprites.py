@@ -387,11 +387,7 @@ def _completed(
 
 
 def anchored(
-    sprites: Sequence[Sprite],
-    photo: F32,
-    behind: F32,
-    absent: Mask,
-    owner: NDArray[np.int32] | None = None,
+    sprites: Sequence[Sprite], photo: F32, behind: F32, absent: Mask, owner: NDArray[np.int32] | None = None
 ) -> list[Sprite]:
     """Sprites whose `rest` and `halo` make them, over `behind` (H, W, 3) linear, the photo (H, W, 3) at t = 0.
 

@@ -38,10 +38,7 @@ class Opened:
     """
 
     def __init__(
-        self,
-        path: str | os.PathLike[str],
-        allow_outside: bool = False,
-        text: str | None = None,
+        self, path: str | os.PathLike[str], allow_outside: bool = False, text: str | None = None
     ) -> None:
         self.file = Path(os.fspath(path))
         name = os.fspath(path)

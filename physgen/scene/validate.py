@@ -248,10 +248,7 @@ class _Fault:
             expected, fix = "does not fit here", f"write {listed(self._ways())}"
         elif "array" in kinds:
             what, count = self._count()
-            expected, fix = (
-                f"is not a list of {count}",
-                f"write {count}{self._in_unit(what)}{self.hint}",
-            )
+            expected, fix = (f"is not a list of {count}", f"write {count}{self._in_unit(what)}{self.hint}")
         elif "boolean" in kinds:
             meant = {"yes": "true", "on": "true", "y": "true", "no": "false", "off": "false", "n": "false"}
             word = meant.get(value.lower()) if isinstance(value, str) else None

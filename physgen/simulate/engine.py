@@ -75,10 +75,7 @@ def never() -> bool:
 
 
 def simulate(
-    world: World,
-    times: Array | None = None,
-    progress: Progress = silent,
-    tape: StepLog | None = None,
+    world: World, times: Array | None = None, progress: Progress = silent, tape: StepLog | None = None
 ) -> Trajectory:
     """Run the world and sample it at `times` (s, rising, the world's own frame times unless given).
 
@@ -96,12 +93,7 @@ def simulate(
 class Running:
     """A simulation under way: taken on piece by piece, however the pieces are cut, it becomes what `simulate` gives."""
 
-    def __init__(
-        self,
-        world: World,
-        times: Array | None = None,
-        tape: StepLog | None = None,
-    ) -> None:
+    def __init__(self, world: World, times: Array | None = None, tape: StepLog | None = None) -> None:
         self.times = world.times if times is None else np.asarray(times, np.float64)
         self._base = 1.0 / world.steps_per_second
         self._number = -1

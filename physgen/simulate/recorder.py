@@ -357,10 +357,7 @@ class Recorder:
         inside = sample < len(self.times)
         one, other = (
             np.concatenate([mine, *theirs])
-            for mine, theirs in (
-                (first, [b.first for _, b in blown]),
-                (second, [b.second for _, b in blown]),
-            )
+            for mine, theirs in ((first, [b.first for _, b in blown]), (second, [b.second for _, b in blown]))
         )
         given = np.concatenate([impulse, *(b.impulse for _, b in blown)])
         self.log.block(

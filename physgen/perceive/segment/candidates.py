@@ -320,10 +320,7 @@ def rescaled(one: Proposal, shape: tuple[int, int], onto: tuple[int, int]) -> Pr
     x1, y1 = min(int(np.ceil(end * right)), onto[1]), min(int(np.ceil(bottom * down)), onto[0])
     # canvas pixel centres to those of the proposal
     matrix = np.array(
-        [
-            [1 / right, 0, (x0 + 0.5) / right - 0.5 - left],
-            [0, 1 / down, (y0 + 0.5) / down - 0.5 - top],
-        ]
+        [[1 / right, 0, (x0 + 0.5) / right - 0.5 - left], [0, 1 / down, (y0 + 0.5) / down - 0.5 - top]]
     )
     soft = one.mask.astype(np.float32)
     if right < 1:  # many pixels become one

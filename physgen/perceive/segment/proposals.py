@@ -86,10 +86,7 @@ def cut_out(mask: Mask, x: int, y: int, smallest: int, opening: int = 0) -> Prop
 def common(a: Proposal, b: Proposal) -> tuple[slice, slice]:
     """The part of the mask of `a` that lies in the box of `b`; empty where they do not meet."""
     left, top, right, bottom = b.box
-    return (
-        slice(max(top - a.y, 0), max(bottom - a.y, 0)),
-        slice(max(left - a.x, 0), max(right - a.x, 0)),
-    )
+    return (slice(max(top - a.y, 0), max(bottom - a.y, 0)), slice(max(left - a.x, 0), max(right - a.x, 0)))
 
 
 def overlap(a: Proposal, b: Proposal) -> int:

@@ -84,11 +84,7 @@ class AmbientShade:
 
 
 def find_ambient_shade(
-    background: Rgb,
-    coverage: F32,
-    at: Callable[[float], Sequence[Silhouette]],
-    *,
-    from_above: bool,
+    background: Rgb, coverage: F32, at: Callable[[float], Sequence[Silhouette]], *, from_above: bool
 ) -> AmbientShade | None:
     """`at` gives the silhouettes on a picture so many times smaller. None where no shade is seen."""
     H, W = coverage.shape
