@@ -109,11 +109,21 @@ def final_name(path: str) -> str:
     return _PARTIAL.sub(r"\g<name>", path)
 
 
-def write_atomic(path: Path, data: bytes) -> None:
-    """Write beside, then rename; on any error nothing is left and the old file is as it was."""
+def write_atomic(path: Path, data: bytes, *, durable: bool = False) -> None:
+    """Write beside, then rename; on any error nothing is left and the old file is as it was.
+
+    `durable`: through to the disk, with the old permissions; links are followed.
+    """
+    path = Path(os.path.realpath(path)) if durable else path
     beside = partial(path)
     try:
-        beside.write_bytes(data)
+        with beside.open("wb") as stream:
+            stream.write(data)
+            if durable:
+                stream.flush()
+                os.fsync(stream.fileno())
+                with suppress(OSError):  # a new file has no old permissions
+                    shutil.copymode(path, beside)
         beside.replace(path)
     except BaseException:
         with suppress(OSError):
@@ -129,9 +139,14 @@ def write_with_backup(path: Path, data: bytes, keep: Callable[[Path], None] = la
 
 
 def back_up(path: Path, keep: Callable[[Path], None] = lambda kept: None) -> None:
-    """An existing file becomes `NAME~` (`NAME~2`, ...), which `keep` gets."""
-    if path.is_file():
-        _aside(path, keep)
+    """An existing file or folder becomes `NAME~` (`NAME~2`, ...), which `keep` gets."""
+    kept, count = path.with_name(f"{path.name}~"), 1
+    while kept.exists():
+        count += 1
+        kept = path.with_name(f"{path.name}~{count}")
+    if path.exists():
+        path.replace(kept)
+        keep(kept)
 
 
 def move_with_backup(beside: Path, path: Path, keep: Callable[[Path], None] = lambda kept: None) -> None:
@@ -139,8 +154,7 @@ def move_with_backup(beside: Path, path: Path, keep: Callable[[Path], None] = la
     if path.exists() and _same(beside, path):
         shutil.rmtree(beside) if beside.is_dir() else beside.unlink()
         return
-    if path.exists():
-        _aside(path, keep)
+    back_up(path, keep)
     beside.rename(path)
 
 
@@ -150,13 +164,3 @@ def _same(one: Path, other: Path) -> bool:
         return one.is_file() and other.is_file() and filecmp.cmp(one, other, shallow=False)
     names = {path.name for path in one.iterdir()}
     return names == {path.name for path in other.iterdir()} and all(_same(one / n, other / n) for n in names)
-
-
-def _aside(path: Path, keep: Callable[[Path], None]) -> None:
-    kept = path.with_name(f"{path.name}~")
-    count = 1
-    while kept.exists():
-        count += 1
-        kept = path.with_name(f"{path.name}~{count}")
-    path.replace(kept)
-    keep(kept)

@@ -22,15 +22,7 @@ from physgen import registry
 from physgen.compile.shapes import U16, mask_crc, snapped_to_boundaries
 from physgen.edit.live import Live
 from physgen.edit.masks import PromptSegmenter, count, make, parse_op
-from physgen.edit.object_entries import (
-    Correction,
-    Data,
-    Mask,
-    begin,
-    changed_entry,
-    joined_mass,
-    written,
-)
+from physgen.edit.object_entries import Correction, Data, Mask, begin, changed_entry, joined_mass, written
 from physgen.edit.operations import edited
 from physgen.files import write_atomic
 from physgen.geometry.fitting import fit_outlines
@@ -44,7 +36,7 @@ from physgen.photos import read_channels
 from physgen.problems import InputError, impossible
 from physgen.scene.files import OUTLINES, RECORD, read_record
 from physgen.scene.scene import MaskId
-from physgen.scene.yaml_edit import without_guess_comments
+from physgen.scene.yaml_edit import without_comments
 
 Window = tuple[slice, slice]
 """Rows and columns."""
@@ -104,7 +96,8 @@ def correct(
             out = _linked_maps(work.scene.assets, live.path)
             _finish(work, out)
         new = edited(work.text, work.ops).text
-        new = without_guess_comments(new, [op["set"] for op in work.ops if "set" in op])
+        ours = work.scene.record.comments
+        new = without_comments(new, [op["set"] for op in work.ops if "set" in op], ours)
         live.state(new)
     except BaseException as error:
         if out is not None:

@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import os
 import shutil
-from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Literal
 
 from filelock import FileLock, Timeout
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from physgen.files import partial, write_atomic
+from physgen.files import write_atomic
 from physgen.problems import InputError
 
 
@@ -106,24 +105,3 @@ class Draft:
     def release(self) -> None:
         """Leave the folder, as it is, to others."""
         self._lock.release()
-
-
-def write_durably(path: Path, data: bytes) -> None:
-    """Write a file completely or not at all, through to the disk, with its old permissions; follows links.
-
-    Raises OSError.
-    """
-    path = Path(os.path.realpath(path))
-    beside = partial(path)
-    try:
-        with beside.open("wb") as stream:
-            stream.write(data)
-            stream.flush()
-            os.fsync(stream.fileno())
-        with suppress(OSError):  # a new file has no old permissions
-            shutil.copymode(path, beside)
-        beside.replace(path)
-    except BaseException:
-        with suppress(OSError):
-            beside.unlink()
-        raise

@@ -8,6 +8,7 @@ import shutil
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -15,15 +16,15 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field
 
 from physgen.edit.corrections import correct
-from physgen.edit.draft import Draft, Unsaved, draft_folder, write_durably
+from physgen.edit.draft import Draft, Unsaved, draft_folder
 from physgen.edit.live import Live, Pictures, mask_png, photo_png
 from physgen.edit.masks import PromptSegmenter
 from physgen.edit.operations import Body, Op, SetOp, edited, whole
-from physgen.files import back_up, file_stamp
+from physgen.files import back_up, file_stamp, write_atomic
 from physgen.problems import EditError, InputError, Limit, Why, impossible
 from physgen.scene.document import decode
 from physgen.scene.files import scene_bytes
-from physgen.scene.yaml_edit import marked, without_guess_comments
+from physgen.scene.yaml_edit import marked, without_comments
 
 PAUSE = 5.0
 """s after which an edit is a step of its own, whatever its tag."""
@@ -228,8 +229,9 @@ class Session:
             now = self._current(request)
             made = edited(now.text, ops, request.variant)
             text = made.text
-            if not request.variant:
-                text = without_guess_comments(text, [op.set for op in ops if isinstance(op, SetOp)])
+            with suppress(InputError):  # a text with errors keeps its comments
+                ours = frozenset() if request.variant else self.live.state(now.text).scene.record.comments
+                text = without_comments(text, [op.set for op in ops if isinstance(op, SetOp)], ours)
             self._push(request, text, made.what)
         return self.state(request.variant)
 
@@ -339,7 +341,8 @@ class Session:
                 mine = self.now  # theirs is one undo away
                 self._add(State(theirs, BY_OTHERS))
                 self._add(replace(mine, what="keep mine over another program's", tag=None))
-            write_durably(self.real, (codecs.BOM_UTF8 if self._bom else b"") + self.now.text.encode())
+            data = (codecs.BOM_UTF8 if self._bom else b"") + self.now.text.encode()
+            write_atomic(self.real, data, durable=True)
             self._set_saved(self.now.text)
         self._changed()
 

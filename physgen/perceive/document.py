@@ -40,13 +40,13 @@ from physgen.perceive.roles import (
 from physgen.perceive.support.viewpoint import DOUBTS
 from physgen.photometry import DistantLight
 from physgen.problems import InputError, Place, Problem, Severity
-from physgen.scene.files import MAPS, OUTLINES, RECORD, recorded
+from physgen.scene.files import MAPS, OUTLINES, RECORD, UNKNOWN, Record, recorded
 from physgen.scene.provenance import provenance as provenance
 from physgen.scene.provenance import stated_scale, table_confidences
 from physgen.scene.scene import Solid, View
 from physgen.scene.schema import schema_at
 from physgen.scene.write import scene_text
-from physgen.scene.yaml_edit import marked, with_comments, without_guess_comments, write
+from physgen.scene.yaml_edit import marked, with_comments, without_comments, write
 
 GENERIC = ("object", "thing")
 """Labels without meaning."""
@@ -324,10 +324,7 @@ def can_roll(item: PhotoObject, solid: Solid, view: View) -> bool:
 
 
 def scene_comments(
-    found: Detections,
-    objects: Sequence[PhotoObject],
-    specks: int,
-    boundaries: BoundaryGuess,
+    found: Detections, objects: Sequence[PhotoObject], specks: int, boundaries: BoundaryGuess
 ) -> dict[str, str]:
     """Sentences about the source of each guess, by dotted path."""
     sources = {
@@ -435,10 +432,12 @@ def write_scene(
     assets: Path | None = None,
     keep: Keep = ignore_kept_file,
     before: str | None = None,
+    known: Record = UNKNOWN,
 ) -> str:
     """Writes the assets, and the scene file where `output` is given; returns the scene's text.
 
-    `before` is the text of a scene that was perceived again: lines, comments and shapes stay where nothing is new.
+    `before` is the text of a scene that was perceived again: lines, comments and shapes stay where nothing is new;
+    `known` is the record beside it.
 
     Assets go to `OUTPUT-STEM.assets/` beside the scene, or `NAME.assets/` in the current folder, unless `assets` says
     otherwise. `photo` is its file, copied into them from outside the scene's folder; None where no scene can name the
@@ -486,8 +485,13 @@ def write_scene(
             for name, item in perceived.document["objects"].items()
         },
         "world": {"pixels_per_meter": per_meter, "duration": duration, "slow": slow}
+        | {"view": perceived.document["world"].get("view"), "boundaries": body.get("boundaries", {})}
         | perceived.wrote.get("", {}),
         "maps": ranges,
+        "comments": sorted(
+            known.comments
+            | {" ".join(line.split()) for words in perceived.comments.values() for line in words.split("\n")}
+        ),
     }
     if (suits := perceived.suitability) is not None:
         record["suitability"] = {"verdict": suits.verdict, "reasons": list(suits.reasons)}
@@ -498,19 +502,35 @@ def write_scene(
     if before is None:
         text = scene_text(head | body, perceived.comments, schema=modeline)
     else:
-        text = _rewritten(before, old, head | body, perceived.comments)
+        text = _rewritten(before, old, head | body, perceived, known)
         text = re.sub(r"\A# yaml-language-server: .*", f"# yaml-language-server: $schema={modeline}", text)
     if output is not None:
         write_with_backup(output, text.encode("utf-8"), keep)
     return text
 
 
-def _rewritten(text: str, old: Mapping[str, Any], new: dict[str, Any], comments: Mapping[str, str]) -> str:
-    """The text with new data, and with comments on the values that are new."""
+def _rewritten(
+    text: str, old: Mapping[str, Any], new: dict[str, Any], perceived: PerceivedScene, known: Record
+) -> str:
+    """The text with new data, and with comments on the values that are new, or whose reason is.
+
+    Comments of perception on values that are the user's go.
+    """
+    comments = perceived.comments
     fresh = {key: words for key, words in comments.items() if value_at(new, key) != value_at(old, key)}
     fresh.pop("objects", None)  # the file says how they were found first
-    changed = [key.split(".") for key in fresh if value_at(old, key) is not None]
-    return with_comments(without_guess_comments(write(text, new), changed), fresh)
+    stale = [["world", "pixels_per_meter"]] if perceived.wrote.get("", {}).get("given") else []
+    for name, item in perceived.document["objects"].items():
+        wrote = known.entry(name, item)
+        was, now = wrote.get("from", {}), item.get("from", {})
+        stale += [
+            ["objects", name, key] for key in ("label", "mass", "friction") if key in was and key not in now
+        ]
+        if wrote and item.get("label") != wrote.get("label"):
+            reasons = [f"objects.{name}.{key}" for key in ("mass", "friction") if key in now]
+            fresh |= {key: comments[key] for key in reasons if key in comments}
+    stale += [key.split(".") for key in fresh]
+    return with_comments(without_comments(write(text, new), stale, known.comments), fresh)
 
 
 def value_at(document: Mapping[str, Any], key: str) -> object:

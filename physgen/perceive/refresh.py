@@ -9,13 +9,14 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 
 from physgen.geometry.scale import PAPER_SCALE
 from physgen.perceive.roles import Detections, Labels, Name, Rgb
 from physgen.perceive.segment.prompts import Box, Point, Segmenter, from_prompts
-from physgen.scene.files import Record, equal
+from physgen.scene.files import Record, equal, recorded
 from physgen.scene.provenance import (
     label_confidence,
     perceived_keys,
@@ -29,6 +30,8 @@ OVERLAP = (0.5, 0.3)
 """Share of the smaller mask, and of the old one, from which a new prompt means an existing object."""
 PIXEL_KEYS = ("mask", "shape", "prompt")
 """Keys of an object that follow its pixels."""
+LINES, SAME = {"segment", "polyline"}, 3.0
+"""Keys of a boundary's points; px up to which those that are found again differ."""
 GLIDING = {"friction": 0}
 """The table that perception writes where it is seen from above."""
 Entry = Mapping[str, Any]
@@ -135,11 +138,11 @@ def user_layers(scene: Entry) -> dict[str, int]:
 
 
 def merge_documents(
-    old: Entry, new: Entry, start: RefreshStart, renamed: Mapping[str, str], scaled: bool
+    old: Entry, new: Entry, start: RefreshStart, renamed: Mapping[str, str], scaled: bool, record: Record
 ) -> dict[str, Any]:
     """The `old` scene as it was written, with what perception found again of the `new` scene, and new objects.
 
-    `renamed` are new labels by name; `scaled`: whether the scale is perception's.
+    `renamed` are new labels by name; `scaled`: whether the scale is perception's; `record` is that of `old`.
     """
     objects: dict[str, Any] = {}
     for name, was in old["objects"].items():
@@ -155,12 +158,35 @@ def merge_documents(
         world["pixels_per_meter"] = seen["pixels_per_meter"]
     if "table" not in seen and world.get("table") == GLIDING:  # seen from the side now
         del world["table"]
-    if "table" in seen and "table" not in world:
+    if "table" in seen and "table" not in world and seen["view"] != record.world.get("view"):
         world["table"] = seen["table"]
-    walls = {name: was for name, was in old.get("boundaries", {}).items() if "from" not in was}
-    fresh = {free_name(name, walls): wall for name, wall in new["boundaries"].items()}
+    walls = merge_boundaries(old.get("boundaries", {}), new["boundaries"], record)
     result = {**old, "objects": objects} | ({"world": world} if world else {})
-    return result | ({"boundaries": fresh | walls} if fresh or "boundaries" in old else {})
+    return result | ({"boundaries": walls} if walls or "boundaries" in old else {})
+
+
+def merge_boundaries(was: Entry, now: Entry, record: Record) -> dict[str, Any]:
+    """Those that are `now`, with those of the user as they were; what the user changed or took out is not new."""
+    guessed = {name: wall for name, wall in was.items() if "from" in wall}
+    wrote = record.world.get("boundaries", guessed)
+    walls = {name: wall for name, wall in was.items() if not equal(wall, wrote.get(name))}
+    known = [wall for name, wall in wrote.items() if name in walls or name not in was]
+    fresh = {
+        free_name(name, walls): wall
+        for name, wall in now.items()
+        if not any(equal(one.get(kind), wall[kind], SAME) for one in known for kind in LINES & wall.keys())
+    }
+    return fresh | walls
+
+
+def same_objects(scene: Scene, before: Labels, labels: Labels) -> bool:
+    """Whether objects, their pixels and the view are as when boundaries were perceived: these are so, too, then."""
+    world, assets = scene.record.world, scene.assets
+    if assets is None or scene.world.view.value != world.get("view") or "boundaries" not in world:
+        return False
+    painted = crc32((assets / "masks.png").read_bytes()) != recorded(assets, "files").get("masks.png")
+    ids = {str(item.mask.id) for item in scene.objects if isinstance(item.mask, MaskId)}
+    return not painted and ids == scene.record.objects.keys() and np.array_equal(before, labels)
 
 
 def merge_object(was: Entry, now: Entry, prompted: bool = False) -> dict[str, Any]:
@@ -171,6 +197,7 @@ def merge_object(was: Entry, now: Entry, prompted: bool = False) -> dict[str, An
     if set(was) <= {"mask", "from", "confidence"}:
         return {**now, "mask": was["mask"], "from": {**now["from"], **was.get("from", {})}}
     keys = perceived_keys(was) | (set(PIXEL_KEYS) if prompted else set())
+    keys -= {key for key in keys if isinstance(was.get(key), str) and isinstance(now.get(key), int | float)}
     if "from" in was:
         keys |= {"shape", "solid", "layer"} - was.keys()  # which lie in the assets
     return rewritten(was, now, keys)

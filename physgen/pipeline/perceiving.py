@@ -209,6 +209,7 @@ def refresh(
         kept_doubtful,
         merge_documents,
         rescaled,
+        same_objects,
         start_refresh,
         user_layers,
         with_sources,
@@ -260,10 +261,16 @@ def refresh(
         progress=progress,
     )
     new_labels = {called[item.id]: item.label for item in named if item.id in renamed}
-    document = merge_documents(old, perceived.document, begun, new_labels, scaled)
-    document, wrote = rescaled(own, document, record, side)
+    doubtful: dict[str, Any] = {}
+    seen = perceived.document
     if maps is not None:
         labels_now, doubtful = kept_doubtful(old, maps.labels, perceived.percepts.labels)
+        if same_objects(scene, maps.labels, labels_now):
+            seen = {**seen, "boundaries": record.world["boundaries"]}
+    document = merge_documents(old, seen, begun, new_labels, scaled, record)
+    document, wrote = rescaled(own, document, record, side)
+    wrote[""]["boundaries"] = seen["boundaries"]
+    if maps is not None:
         document |= {"doubtful": doubtful} if "doubtful" in old else {}
         perceived = replace(perceived, percepts=replace(perceived.percepts, labels=labels_now))
         # whether shadows were removed depends on the scene's own light
@@ -274,4 +281,4 @@ def refresh(
     comments = {} if text is None else perceived.comments  # only those of values that are new are written
     perceived = replace(perceived, document=document, comments=comments, wrote=wrote)
     image = scene.image if photo.plain else None
-    return write_scene(perceived, image, scene.image.stem, output, options.assets, keep, text)
+    return write_scene(perceived, image, scene.image.stem, output, options.assets, keep, text, record)

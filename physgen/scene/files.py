@@ -198,6 +198,8 @@ class Record:
     world: Mapping[str, Any] = field(default_factory=dict)
     maps: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """What 0 and 65535 stand for in depth.png and shading.png."""
+    comments: frozenset[str] = frozenset()
+    """All that perception wrote into the file; any other comment is a user's."""
 
     @property
     def scale(self) -> float | None:
@@ -224,6 +226,9 @@ class Record:
         }
 
 
+UNKNOWN = Record()
+
+
 def written(path: Path) -> Record:
     """The record at a path; what has another form than it should is left out."""
     found = read_record(path)
@@ -232,17 +237,21 @@ def written(path: Path) -> Record:
         objects = {key: entry for key, entry in entries.items() if isinstance(entry, dict)}
         maps = {name: (float(low), float(high)) for name, (low, high) in found.get("maps", {}).items()}
         maps = {name: ends for name, ends in maps.items() if all(map(isfinite, ends)) and ends[0] < ends[1]}
-        return Record(objects, dict(found.get("world", {})), maps)
+        world = {key: value for key, value in found.get("world", {}).items() if key != "boundaries"}
+        walls = found.get("world", {}).get("boundaries")
+        if isinstance(walls, dict) and all(isinstance(wall, dict) for wall in walls.values()):
+            world["boundaries"] = walls
+        return Record(objects, world, maps, frozenset(map(str, found.get("comments", ()))))
     except (ValueError, TypeError, AttributeError, OverflowError):
         return Record()
 
 
-def equal(one: object, other: object) -> bool:
-    """Whether two values are equal; numbers but for the digits that are not written."""
+def equal(one: object, other: object, within: float = WRITTEN) -> bool:
+    """Whether two values are equal; numbers but for the digits that are not written, or `within`."""
     if isinstance(one, Mapping) and isinstance(other, Mapping):
-        return one.keys() == other.keys() and all(equal(one[key], other[key]) for key in one)
+        return one.keys() == other.keys() and all(equal(one[key], other[key], within) for key in one)
     if isinstance(one, list | tuple) and isinstance(other, list | tuple):
-        return len(one) == len(other) and all(map(equal, one, other))
+        return len(one) == len(other) and all(equal(*pair, within) for pair in zip(one, other, strict=True))
     if isinstance(one, int | float) and isinstance(other, int | float):
-        return isclose(one, other, rel_tol=WRITTEN, abs_tol=WRITTEN)
+        return isclose(one, other, rel_tol=WRITTEN, abs_tol=within)
     return one == other

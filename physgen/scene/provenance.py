@@ -234,6 +234,7 @@ def followed(
         new, sources = _table_values(outlines[name], own["label"], per_meter, most)
         own = {"solid": entry.get("solid"), **own}  # which lies in the assets
         keys = perceived_keys(listed, registry.find("physics").name) | ({"solid"} - objects[name].keys())
+        keys -= {key for key in keys - {"solid"} if isinstance(written["objects"][name].get(key), str)}
         new = {
             key: new[key]
             for key in keys & entry.keys() & new.keys()

@@ -8,7 +8,7 @@ returned.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -407,31 +407,18 @@ def _rewritten(text: str, path: KeyPath, value: Any) -> list[Patch]:
 
 # Comments of perception
 
-LONGEST, NEAR = 116, 400
-"""Columns of a line with a comment behind its value; characters above it in which the comment may stand already."""
-GUESSES = {
-    "label": r"or |[\w ]+ [01](\.\d+)?($|, or )",
-    "mask": r"[\w ]+ [01](\.\d+)?, (sphere|disc|hoop|box|outline) of ",
-    "mass": "g, |g: ",
-    "density": "g: ",
-    "friction": "friction|ordinary friction|at least this much",
-    "layer": "in front: ",
-    "motion": "cut off by the photo's border|nothing that is seen keeps|nothing visible",
-    "velocity": "the push that sets",
-    "pixels_per_meter": "1 px = 1 cm|assumed: |from the ordinary size|as given",
-    "view": "side or top: ",
-    "table": "friction cannot be seen",
-    "render": "plays ",
-}
-"""How comments of perception begin that give the reason of a guess, by key; other comments are the user's."""
+LONGEST = 116
+"""Columns of a line with a comment behind its value."""
+DEEP = {"objects": 3, "world": 2, "render": 1}
+"""Keys of a path to a value with a comment of perception, by section."""
 
 
-def without_guess_comments(text: str, paths: Sequence[Sequence[str | int]]) -> str:
-    """The text without perception's comments on values that a user has set now; other comments stay."""
+def without_comments(text: str, paths: Sequence[Sequence[str | int]], ours: Collection[str]) -> str:
+    """The text without the comments that are `ours` behind or above values that a user has set; others stay."""
     for path in paths:
-        for k, key in enumerate(path):
-            if isinstance(key, str) and key in GUESSES and (k != 1 or path[0] == "world"):
-                text = _without_comment(text, path[: k + 1], GUESSES[key])
+        depth = DEEP.get(str(path[0]), 0)
+        if 0 < depth <= len(path):
+            text = _without_comment(text, tuple(path[:depth]), ours)
     return text
 
 
@@ -444,7 +431,7 @@ def with_comments(text: str, comments: Mapping[str, str]) -> str:
             continue
         begin, words = entry(text, parent, at), " ".join(comment.split())
         first, stop = line_begin(text, begin), line_end(text, begin)
-        if parent.is_flow or not leads(text, begin) or f"# {words}" in text[max(0, first - NEAR) : stop]:
+        if parent.is_flow or not leads(text, begin) or words in dict(_comments(text, begin)).values():
             continue
         short = stop - first + len(words) < LONGEST and "#" not in text[first:stop]
         if short and parent.children[at].end <= stop:
@@ -454,23 +441,29 @@ def with_comments(text: str, comments: Mapping[str, str]) -> str:
     return text
 
 
-def _without_comment(text: str, path: Sequence[str | int], start: str) -> str:
-    """The text without the comment at a key, behind it or above it, that begins as the expression `start` says."""
+def _comments(text: str, place: int) -> Iterator[tuple[int, str]]:
+    """Index and words of the comment that ends the line of a place, and of the lines of comments above it."""
+    lines, at = text.split("\n"), text.count("\n", 0, place)
+    _, mark, words = lines[at].rpartition(" #")
+    if mark:
+        yield at, " ".join(words.split())
+    while at and lines[at - 1].lstrip().startswith("#"):
+        at -= 1
+        yield at, " ".join(lines[at].lstrip(" #").split())
+
+
+def _without_comment(text: str, path: KeyPath, ours: Collection[str]) -> str:
     try:
-        parent = find(text, path[:-1])
+        parent, at = parent_of(text, path)
     except EditError:
         return text
-    begin = next((at for name, at, _ in parent.keys if name == path[-1]), None)
-    if begin is None or not leads(text, begin):
+    begin = entry(text, parent, at)
+    if parent.is_flow or not leads(text, begin):
         return text
-    lines, line = text.split("\n"), text.count("\n", 0, begin)
-    behind = re.search(rf"\s+#\s+(?:{start}).*$", lines[line])
-    if behind is not None:
-        lines[line] = lines[line][: behind.start()]
-        return "\n".join(lines)
-    first = line
-    while first and lines[first - 1].lstrip().startswith("#"):
-        first -= 1
-    ours = (k for k in range(first, line) if re.match(start, lines[k].lstrip(" #")))
-    del lines[next(ours, line) : line]
+    lines = text.split("\n")
+    for line, words in _comments(text, begin):
+        if words in ours and lines[line].lstrip().startswith("#"):
+            del lines[line]
+        elif words in ours:
+            lines[line] = lines[line].rpartition(" #")[0].rstrip() + "\r" * lines[line].endswith("\r")
     return "\n".join(lines)

@@ -21,7 +21,8 @@ from physgen.edit.masks import stroke
 from physgen.edit.operations import edited
 from physgen.geometry.polygon import Disc, Outline, mass_properties
 from physgen.problems import EditError
-from physgen.scene.yaml_edit import without_guess_comments
+from physgen.scene.load import Opened
+from physgen.scene.yaml_edit import without_comments
 
 W, H = 240, 160
 Y, X = np.mgrid[:H, :W]
@@ -328,7 +329,8 @@ def test_what_perception_said_of_a_number_goes_when_a_person_sets_it(desk: Desk)
         {"set": ["world", "pixels_per_meter"], "value": 555},
     ]
     made = edited(desk.text, ops).text
-    after = without_guess_comments(made, [op["set"] for op in ops]).split("\n")
+    ours = Opened(desk.path).scene().record.comments
+    after = without_comments(made, [op["set"] for op in ops], ours).split("\n")
     diff = [line for line in difflib.ndiff(made.split("\n"), after) if line[:2] in ("- ", "+ ")]
     added = [line[2:] for line in diff if line[0] == "+"]
     assert added == ["  pixels_per_meter: 555", "    label: steel ball", "    mass: 33"]
@@ -336,8 +338,8 @@ def test_what_perception_said_of_a_number_goes_when_a_person_sets_it(desk: Desk)
     for start in ("mass: 33  # g, table ", "label: steel ball  # ", "pixels_per_meter: 555  # assumed"):
         assert [line for line in gone if line.startswith(start)], start
     assert len(gone) == 3
-    mine = "\n".join(after).replace("    mass: 33", "    mass: 33  # weighed it")
-    assert without_guess_comments(mine, [["objects", disc, "mass"]]) == mine
+    mine = "\n".join(after).replace("    mass: 33", "    mass: 33  # g, weighed it")
+    assert without_comments(mine, [["objects", disc, "mass"]], ours) == mine
 
 
 def test_masks_in_the_file_become_pixels_where_they_are_painted(tmp_path: Path) -> None:

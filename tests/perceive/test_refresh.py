@@ -372,6 +372,76 @@ def test_a_refresh_keeps_the_user_s_lines_and_numbers(scene: Path) -> None:
     assert not list(scene.parent.glob("again.assets/*~"))
 
 
+def comments_of(text: str) -> list[str]:
+    return sorted(line.partition("#")[2].strip() for line in text.splitlines() if "#" in line)
+
+
+def test_comments_that_a_user_wrote_or_went_on_with_stay_and_perception_s_follow(scene: Path) -> None:
+    """Of equal balls each says why it weighs what; a label and a mass of the user have no reason of perception."""
+    text = scene.read_text()
+    lines = [f"{line}, and mine {n}" if "  # " in line else line for n, line in enumerate(text.splitlines())]
+    scene.write_text("\n".join(lines).replace("label: ball", "label: steel ball") + "\n")
+    refreshed(scene)
+    mine = [words for words in comments_of("\n".join(lines)) if ", and mine" in words]
+    after = comments_of(scene.with_name("again.yaml").read_text())
+    assert mine == [words for words in after if ", and mine" in words]
+    first, rest = text.split("  ball-2:")
+    changed = re.sub(r"mass: \S+", "mass: 77 g", first.replace("label: ball", "label: glass ball"))
+    scene.write_text(changed + "  ball-2:" + rest.replace("label: ball", "label: steel ball"))
+    refreshed(scene)
+    one, two, three = re.split(r"  ball-\d:", scene.with_name("again.yaml").read_text())[1:]
+    assert "    label: glass ball\n" in one
+    assert "    mass: 77 g\n" in one
+    for ball, name in ((one, "glass"), (two, "steel"), (three, "steel")):
+        assert f"  # friction of {name}: " in ball
+    for ball in (two, three):
+        mass, volume = (float(re.search(pattern, ball)[1]) for pattern in (r"mass: (\S+)", r": ([\d.]+) cm³"))  # type: ignore[index]
+        assert mass == pytest.approx(7.85 * volume, rel=0.02)
+
+
+@pytest.mark.parametrize("spelled", ["170 g", "0.17 kg", "170.0", "1.7e+2"])
+def test_a_number_spelled_otherwise_stays(spelled: str, scene: Path) -> None:
+    """Also where it is the one that perception finds."""
+    text = scene.read_text().replace("label: ball", "label: billiard ball")
+    mine = f"mass: {spelled}"
+    scene.write_text(re.sub(r"mass: \S+", mine, text))
+    refreshed(scene)
+    assert scene.with_name("again.yaml").read_text().count(mine) == 3
+    assert [item.mass for item in pipeline.load(scene).objects] == [170, 170, 170]
+
+
+def test_an_edited_label_invents_no_boundary(scene: Path) -> None:
+    """Seen from above, billiard balls would have rails at the photo's border."""
+    scene.write_text(scene.read_text().replace("view: side", "view: top"))
+    assert refreshed(scene)[0].boundaries == ()
+    top = scene.with_name("again.yaml").rename(scene.with_name("top.yaml"))
+    top.write_text(top.read_text().replace("label: ball", "label: billiard ball").replace("again.", "top."))
+    scene.with_name("again.assets").rename(scene.with_name("top.assets"))
+    top.write_text(re.sub(r"  table: .*\n", "", top.read_text()))
+    assert refreshed(top)[0].boundaries == ()
+    assert "table:" not in scene.with_name("again.yaml").read_text()
+
+
+def test_boundaries_that_a_user_changed_or_took_out_stay_so(scene: Path) -> None:
+    before = yaml.safe_load(scene.read_text())
+    names = list(before["boundaries"])
+    assert len(names) >= 3
+    document = yaml.safe_load(scene.read_text())
+    mine, gone = names[-2:]
+    document["boundaries"][mine]["friction"] = 0.11
+    del document["boundaries"][gone]
+    scene.write_text(yaml.safe_dump(document))
+    others = {**document["boundaries"]}
+    x, y = CENTRES["ball-2"]
+    for more in ((), ("--box", f"{x - 33},{y - 33},66,66")):
+        refreshed(scene, *more)
+        after = yaml.safe_load(scene.with_name("again.yaml").read_text())["boundaries"]
+        assert after[mine] == document["boundaries"][mine]
+        assert set(others) <= set(after) if more else after == others
+        ends = [wall["segment"][0] for wall in after.values()]
+        assert min(np.hypot(*np.subtract(before["boundaries"][gone]["segment"][0], end)) for end in ends) > 3
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("bundled", BUNDLED, ids=lambda path: path.parent.name)
 def test_a_refresh_changes_no_line_of_a_scene_written_by_hand(bundled: Path, tmp_path: Path) -> None:
