@@ -155,7 +155,7 @@ def perceive(
         comments |= document.scene_comments(found, objects, specks, boundaries)
         unknown = (document.unknown_label(t.label) for t in objects if t.id in names.renamed)
         warnings = tuple(dict.fromkeys(problem for problem in unknown if problem))
-        suits = judge_suitability(rgb, found, objects, names.labels, boundaries)
+        suits = judge_suitability(rgb, found, objects, boundaries)
         clean = cleaning.result() if cleaning else shadows.clean
         run.crew.release("inpaint")
         percepts = Percepts(

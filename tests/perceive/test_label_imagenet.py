@@ -17,9 +17,7 @@ from physgen.materials import kind
 from physgen.perceive.backends import label_imagenet as naming
 from physgen.perceive.document import write_scene
 from physgen.perceive.perceive import perceive
-from physgen.perceive.roles import Name
 from physgen.perceive.segment.prompts import from_masks
-from physgen.perceive.support.viewpoint import _is_living
 from physgen.scene.load import load
 from physgen.scene.provenance import source
 
@@ -137,11 +135,6 @@ def test_specks_are_not_shown_to_the_network(monkeypatch, photo) -> None:
     labels[10:20, 10:20] = 1
     entry = next(iter(perceive(rgb, from_masks(labels)).document["objects"].values()))
     assert entry["from"]["label"].startswith("shape 0")
-
-
-def test_alternatives_say_whether_something_lives() -> None:
-    assert _is_living(Name("object", 0.2, (("person", 0.6), ("tie", 0.1))))
-    assert not _is_living(Name("object", 0.2, (("teddy bear", 0.6), ("dog", 0.1))))
 
 
 def test_the_written_table_has_every_class_once() -> None:

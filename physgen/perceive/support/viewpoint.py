@@ -20,11 +20,11 @@ from physgen.perceive.roles import (
     Detections,
     Labels,
     Mask,
-    Name,
     PhotoObject,
     Rgb,
     Suitability,
 )
+from physgen.perceive.segment.network import run_network
 from physgen.scene.scene import View
 
 LEAST = 30  # px of background from which a part of the photo counts
@@ -129,7 +129,7 @@ class _Doubts:
     sure: float = 0.65  # confidence that the surest object has
     most: float = 0.5  # median confidence of the objects
     unclear: float = 0.1  # doubtful regions, where they cover more than the objects do
-    living: float = 0.1  # people and animals
+    fixed: float = 0.1  # wholes that nobody moves
     sky: float = 0.25  # of the upper half
     foliage: float = 0.1
     detail: float = 0.4  # fine detail: clutter, crowds, gravel
@@ -141,20 +141,12 @@ class _Doubts:
 
 
 DOUBTS = _Doubts()
-LIVING = frozenset((
-    "person", "people", "man", "woman", "child", "boy", "girl", "baby", "animal", "bird", "cat", "dog", "horse",
-    "sheep", "cow", "elephant", "bear", "zebra", "giraffe", "monkey", "rabbit",
-))  # fmt: skip
-"""Last words of the names of people and animals."""
-TOYS = frozenset(("teddy", "toy", "plush", "stuffed", "polar"))
-"""First words of names of what only looks like them."""
 
 
 def judge_suitability(
     rgb: Rgb,
     found: Detections,
     objects: Sequence[PhotoObject],
-    names: Mapping[int, Name],
     boundaries: BoundaryGuess,
 ) -> Suitability:
     """Reasons to doubt that the photo shows loose objects at rest, from what perception knows of it.
@@ -166,9 +158,6 @@ def judge_suitability(
     reasons = (
         [] if found.source in ("given", "pointed at", "kept") else _photo_doubts(rgb, found, objects, area)
     )
-    living = sum(share for i, share in area.items() if i in names and _is_living(names[i]))
-    if living >= DOUBTS.living:
-        reasons.append(f"people or animals fill {100 * living:.0f} % of it")
     loose = [t for t in objects if not t.cut]
     unheld = len(boundaries.held) + sum(wall.name.startswith("nest") for wall in boundaries.walls)
     if unheld > DOUBTS.unheld * max(len(loose), 1):
@@ -192,6 +181,10 @@ def _photo_doubts(
     share = float(((unclear > 0) & (found.labels == 0)).mean())
     if share > max(DOUBTS.unclear, sum(area.values())):
         reasons.append(f"{100 * share:.0f} % of it may be objects, too")
+    seen = run_network(rgb)
+    fixed = float(((seen.foreground >= 0.5) & (seen.movable < 0.5)).mean())
+    if fixed >= DOUBTS.fixed:
+        reasons.append(f"people, animals or furniture fill {100 * fixed:.0f} % of it")
     small = cv2.resize(
         rgb, (DOUBTS.side, max(round(DOUBTS.side * rgb.shape[0] / rgb.shape[1]), 2)), interpolation=3
     )
@@ -207,11 +200,3 @@ def _photo_doubts(
     elif (fine > DOUBTS.fine).mean() > DOUBTS.detail:
         reasons.append("outdoors or cluttered: fine detail nearly everywhere")
     return reasons
-
-
-def _is_living(name: Name) -> bool:
-    """Whether the likeliest names are more often people's or animals' than not."""
-    chances = {name.label: name.confidence, **dict(name.likely)}
-    words = {text: text.lower().split() for text in chances}
-    living = [chances[t] for t, w in words.items() if w and w[-1] in LIVING and not TOYS & set(w)]
-    return bool(living) and sum(living) >= 0.5 * sum(chances.values())
