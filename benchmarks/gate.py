@@ -126,7 +126,7 @@ Values = dict[str, Any]
 FORMATS = "frames,flo,tapvid,coco,davis,mot,events,trajectory,physics"
 MAP_FORMATS = "depth,normals,albedo"
 COMMANDS = (
-    *("perceive", "import", "edit", "check", "simulate", "render", "sweep", "export", "dataset", "refine"),
+    *("perceive", "import", "edit", "check", "simulate", "render", "sweep", "export", "dataset"),
     *("gallery", "verify", "pack", "unpack", "cache", "backends", "schema", "evaluate"),
 )
 MEASURES = ("physics", "segmentation", "fid", "study")

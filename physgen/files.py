@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import filecmp
 import os
 import re
 import shutil
@@ -139,28 +138,12 @@ def write_with_backup(path: Path, data: bytes, keep: Callable[[Path], None] = la
 
 
 def back_up(path: Path, keep: Callable[[Path], None] = lambda kept: None) -> None:
-    """An existing file or folder becomes `NAME~` (`NAME~2`, ...), which `keep` gets."""
+    """An existing file becomes `NAME~` (`NAME~2`, ...), which `keep` gets."""
+    if not path.is_file():
+        return
     kept, count = path.with_name(f"{path.name}~"), 1
     while kept.exists():
         count += 1
         kept = path.with_name(f"{path.name}~{count}")
-    if path.exists():
-        path.replace(kept)
-        keep(kept)
-
-
-def move_with_backup(beside: Path, path: Path, keep: Callable[[Path], None] = lambda kept: None) -> None:
-    """Moves `beside`, a file or a folder of files, to `path`; an existing one that differs is kept."""
-    if path.exists() and _same(beside, path):
-        shutil.rmtree(beside) if beside.is_dir() else beside.unlink()
-        return
-    back_up(path, keep)
-    beside.rename(path)
-
-
-def _same(one: Path, other: Path) -> bool:
-    """Whether two files hold the same bytes, or two folders the same files."""
-    if not (one.is_dir() and other.is_dir()):
-        return one.is_file() and other.is_file() and filecmp.cmp(one, other, shallow=False)
-    names = {path.name for path in one.iterdir()}
-    return names == {path.name for path in other.iterdir()} and all(_same(one / n, other / n) for n in names)
+    path.replace(kept)
+    keep(kept)

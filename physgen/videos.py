@@ -1,4 +1,4 @@
-"""Read videos, pictures and folders of pictures as frames, and masks as coverage."""
+"""Read videos, pictures and folders of pictures as frames."""
 
 from __future__ import annotations
 
@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.photometry import decode, encode_u8
-from physgen.photos import decode_picture, open_picture, read_channels, read_photo
+from physgen.photos import decode_picture, open_picture, read_photo
 from physgen.problems import InputError, Limit, Place
 from physgen.text import natural
 
 U8 = NDArray[np.uint8]
-F32 = NDArray[np.float32]
 Item = TypeVar("Item")
 Progress = Callable[[str, int, int], None]
 
@@ -260,57 +259,3 @@ def _pages(path: Path) -> Iterator[VideoFrame]:
             decode_picture(image, Path(place))
             seconds = float(image.info.get("duration") or 0) / 1000 or DEFAULT_DURATION
             yield VideoFrame(over_white(np.asarray(image.convert("RGBA"))), seconds, place)
-
-
-@dataclass(frozen=True)
-class Coverage:
-    """Where objects are in a video."""
-
-    path: Path
-    frames: Sequence[F32]
-    """(H, W) of each frame, 0..1."""
-
-
-def open_coverage(path: Path, clip: Video, progress: Progress = lambda stage, done, total: None) -> Coverage:
-    """Masks for every frame of `clip`: a folder with a picture per frame, or one picture for all frames.
-
-    Grey of 8 bits is coverage, 0 none .. 255 all. Of pictures with 16 bits, a palette or colours, anything but 0 or
-    black is an object. Each mask is read once to be checked. Raises InputError.
-    """
-    count = len(clip.frames)
-    pictures = in_folder(path) if path.is_dir() else [path]
-    if path.is_dir() and len(pictures) != count:
-        what = f"{len(pictures)} mask{'s' * (len(pictures) != 1)}"
-        fix = "give one mask a frame, or name one picture for all frames"
-        raise InputError.of(str(path), what, f"for {count} frame{'s' * (count != 1)}", fix)
-    for k, picture in enumerate(pictures):
-        _check_size(str(picture), _read_mask(picture).shape[::-1], clip.size)
-        progress("read masks", k + 1, len(pictures))
-    masks = Decoded(path, lambda: (_padded(_read_mask(one), clip.size) for one in pictures), len(pictures))
-    return Coverage(path, masks if path.is_dir() else [masks[0]] * count)
-
-
-def _check_size(place: str, size: tuple[int, ...], video: tuple[int, int]) -> None:
-    """A video of 4:2:0 has even sides, so that a mask may lack the last column or row, which is a repetition."""
-    if any(of - side not in (0, 1 - of % 2) for side, of in zip(size, video, strict=True)):
-        found, expected = f"{size[0]} x {size[1]} px", f"differs from the video's {video[0]} x {video[1]} px"
-        raise InputError.of(place, found, expected, "make masks the video's size")
-
-
-def _padded(values: U8, size: tuple[int, int]) -> F32:
-    """0..1, with the last column and row repeated where the video has one more."""
-    below, right = size[1] - values.shape[0], size[0] - values.shape[1]
-    padded = np.pad(values, ((0, below), (0, right)), mode="edge")
-    return padded.astype(np.float32) / np.float32(255)
-
-
-def _read_mask(path: Path) -> U8:
-    """(H, W) coverage in 255ths. Raises InputError."""
-    with open_picture(path) as image:
-        has_ids = image.mode == "P"
-    raw = read_channels(path)
-    channels: NDArray[Any] = np.atleast_3d(raw)
-    channels = channels[..., : 1 if channels.shape[2] <= 2 else 3]
-    if raw.dtype == np.uint8 and not has_ids and (channels == channels[..., :1]).all():
-        return np.ascontiguousarray(channels[..., 0], np.uint8)
-    return np.where(np.any(channels > 0, axis=2), np.uint8(255), np.uint8(0))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import structure
 
-LIMITS = {"lines": 51_385, "modules": 226, "constants": 387}
+LIMITS = {"lines": 50_931, "modules": 224, "constants": 386}
 """Of physgen/. They only go down; the design asks for 48,000 lines, 240 modules and 700 constants."""
 IDIOM = 60
 """Words that design and documents avoid, in physgen/, templates/, docs/ and README.md."""

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
@@ -137,21 +136,6 @@ class Command:
     """Whether flags may stand between arguments, of which there can be several."""
 
 
-def number(low: float, high: float) -> Callable[[str], float]:
-    """A reader of numbers from `low` to `high`."""
-
-    def read(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{text} is not a number from {low:g} to {high:.10g}")
-        return value
-
-    return read
-
-
 def whole(low: int, high: int) -> Callable[[str], int]:
     """A reader of whole numbers from `low` to `high`."""
 
@@ -180,20 +164,6 @@ def positive(text: str) -> float:
     if not 0 < value <= 1e6:
         raise argparse.ArgumentTypeError(f"{text} is not a number above 0 and up to 1000000")
     return value
-
-
-def of(key: Mapping[str, Any]) -> Callable[[str], float | int | str]:
-    """A reader of what the schema of a scene's key allows: a number, a whole one, or text."""
-    if key["type"] != "string":
-        kind = whole if key["type"] == "integer" else number
-        return kind(key.get("minimum", -math.inf), key.get("maximum", math.inf))
-
-    def read(text: str) -> str:
-        if len(text) > key["maxLength"]:
-            raise argparse.ArgumentTypeError(f"{len(text)} characters are over {key['maxLength']}")
-        return text
-
-    return read
 
 
 def names(text: str) -> list[str]:

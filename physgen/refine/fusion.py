@@ -176,7 +176,7 @@ LEAST_HELD = 3
 
 @dataclass(frozen=True)
 class RefineSettings:
-    """`refine:` of a scene, or the flags of `physgen refine`."""
+    """`refine:` of a scene."""
 
     strength: float
     stop: int
@@ -197,16 +197,6 @@ class RefineSettings:
 def hold_frames(fps: float) -> int:
     """Frames over which a first frame that is the photo gives way to the refined video."""
     return max(LEAST_HELD, round(HOLD * fps))
-
-
-def no_steps_problem(how: RefineSettings, place: Place, path: str) -> Problem | None:
-    """What is wrong where no step would run."""
-    if how.count:
-        return None
-    found, least = f"{how.strength:g}", -(-50 // how.steps) / 100
-    what = f"leaves none of {how.steps} steps to run"
-    instead = ", or refine: {backend: none}" if path else ""  # of a scene, not of a flag
-    return Problem(place, path, found, what, f"write at least {least:g}{instead}")
 
 
 class Refinement:
