@@ -142,7 +142,6 @@ COMMANDS = {
     command.name: command
     for command in (
         perceive.PERCEIVE,
-        perceive.IMPORT,
         edit.EDIT,
         *edit.FILE_EDITS,
         simulate.SHOW,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from physgen.pipeline.clip import Page, RenderOptions, output_name, render_scene
-from physgen.pipeline.perceiving import import_physgen, perceive
+from physgen.pipeline.perceiving import perceive
 from physgen.pipeline.refining import Refiners
 from physgen.pipeline.stages import (
     Stages,
@@ -33,7 +33,6 @@ __all__ = [
     "fan",
     "filled",
     "ignore_warning",
-    "import_physgen",
     "lint",
     "load",
     "output_name",
