@@ -29,7 +29,7 @@ test-slow: .venv/.test
 	$(BIN)/pytest -n auto -m slow
 
 docs: .venv/.docs
-	$(BIN)/physgen schema --markdown > docs/scene.md
+	$(BIN)/python benchmarks/scene_reference.py > docs/scene.md
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 	@echo "site: $(CURDIR)/out/site/index.html"
 

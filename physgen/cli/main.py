@@ -109,18 +109,13 @@ def add_evaluate(parser: Parser) -> None:
 
 
 def add_schema(parser: Parser) -> None:
-    parser.flag("--markdown", "print the reference page instead")
+    """`schema` has no flags."""
 
 
 def schema(options: argparse.Namespace) -> int:
-    if options.markdown:
-        from physgen.scene.reference import markdown
+    from physgen.files import resource
 
-        sys.stdout.write(markdown())
-    else:
-        from physgen.files import resource
-
-        sys.stdout.write(resource("schemas", "scene-1.schema.json").read_text(encoding="utf-8"))
+    sys.stdout.write(resource("schemas", "scene-1.schema.json").read_text(encoding="utf-8"))
     return OK
 
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import jsonschema
 import pytest
+from scene_reference import EXAMPLE, markdown
 
 from physgen.problems import InputError
 from physgen.scene.load import load
-from physgen.scene.reference import EXAMPLE, markdown
 from physgen.scene.schema import expanded, published, with_defaults
 
 ROOT = Path(__file__).parents[2]
@@ -75,7 +75,7 @@ def test_defaults_are_filled_without_touching_the_schema() -> None:
 
 
 def test_the_reference_is_true() -> None:
-    """Update it with: physgen schema --markdown > docs/scene.md"""
+    """Update it with: python benchmarks/scene_reference.py > docs/scene.md"""
     assert (ROOT / "docs" / "scene.md").read_text(encoding="utf-8") == markdown()
 
 

@@ -1,11 +1,12 @@
-"""The reference of the scene file, docs/scene.md: written from the schema by `physgen schema --markdown`."""
+"""The reference of the scene file: `python benchmarks/scene_reference.py > docs/scene.md` writes it from the schema."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from string import Template
 
-from physgen.files import SCENE_FORMATS, resource
+from physgen.files import SCENE_FORMATS
 from physgen.problems import Limit
 from physgen.scene.files import SUFFIXES
 from physgen.scene.schema import Schema, at, expanded, measure
@@ -39,7 +40,7 @@ def markdown() -> str:
     """The reference as Markdown."""
     schema = expanded()
     groups = [group for _, part in _mappings(schema, "") for group in part.get("x-exclusive", [])]
-    template = Template(resource("templates", "scene-reference.md").read_text(encoding="utf-8"))
+    template = Template(Path(__file__).with_name("scene-reference.md").read_text(encoding="utf-8"))
     return template.substitute(
         example=EXAMPLE,
         sections="\n".join("\n".join(_section(path, part)) + "\n" for path, part in _distinct(schema)),
@@ -105,3 +106,7 @@ def _value(part: Schema) -> str:
         elif name in FORMS:
             ways.append(FORMS[name])
     return listed(ways)
+
+
+if __name__ == "__main__":
+    print(markdown(), end="")
