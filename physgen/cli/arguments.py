@@ -31,6 +31,7 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, *arguments: Any, **settings: Any) -> None:
         super().__init__(*arguments, **settings)
+        self._negative_number_matcher = re.compile(r"-\.?\d")  # -40,95 is a value, too
         self.commands: dict[str, Parser] = {}
         self.mixed = False
         """Whether flags may stand between arguments."""

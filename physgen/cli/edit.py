@@ -74,6 +74,7 @@ def edit_file(options: argparse.Namespace) -> int:
     from physgen.files import write_with_backup
     from physgen.problems import EditError
     from physgen.scene.load import Opened
+    from physgen.scene.scene import ADD_OBJECT
 
     path: Path = options.scene
     scene = Opened(path, options.allow_outside).scene()
@@ -81,7 +82,8 @@ def edit_file(options: argparse.Namespace) -> int:
     for name in options.objects:
         if name not in known:
             close = nearest(name, known)
-            fix = f"did you mean {close}?" if close else f"the objects are {listed(known[:20], 'and')}"
+            fix = f"the objects are {listed(known[:20], 'and')}" if known else ADD_OBJECT
+            fix = f"did you mean {close}?" if close else fix
             raise InputError.of(str(path), f'"{name}"', "names no object", fix)
     options.objects = list(dict.fromkeys(options.objects))
     if options.command == "merge" and len(options.objects) < 2:

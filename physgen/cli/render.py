@@ -18,12 +18,13 @@ def add(parser: Parser) -> None:
     parser.add_argument("scenes", metavar="SCENE", nargs="+", help="a file or a pack")
     parser.option("-o --output", "DIR", str, "folder of the results; default: out", "out")
     about = (
-        "push an object: ball-1=right, ball-1=up-left, ball-1=30@2 m/s (degrees, 90 is down); may be repeated"
+        "push an object: ball-1=right, ball-1=up-left, ball-1=30@2 m/s (degrees, 90 is down), in place of the push "
+        "that perceive wrote; velocities that you wrote stay. May be repeated"
     )
     parser.option("--push", "NAME=DIRECTION", str, about, [], action="append")
     about = "lift an object by its own height and let it fall; may be repeated"
     parser.option("--drop", "NAME", str, about, [], action="append")
-    about = "strike what is at a point of the photo, from that side; X,Y@SPEED says how hard; may be repeated"
+    about = "strike what is at a point of the photo (px, or e.g. 6 cm,4 cm); X,Y@SPEED says how hard. May be repeated"
     parser.option("--kick", "X,Y", str, about, [], action="append")
     add_clips(parser)
     add_overlays(parser)

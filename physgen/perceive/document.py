@@ -43,7 +43,7 @@ from physgen.problems import InputError, Place, Problem, Severity
 from physgen.scene.files import MAPS, OUTLINES, RECORD, UNKNOWN, Record, recorded
 from physgen.scene.provenance import provenance as provenance
 from physgen.scene.provenance import stated_scale, table_confidences
-from physgen.scene.scene import Solid, View
+from physgen.scene.scene import ADD_OBJECT, Solid, View
 from physgen.scene.schema import schema_at
 from physgen.scene.write import scene_text
 from physgen.scene.yaml_edit import marked, with_comments, without_comments, write
@@ -373,7 +373,7 @@ def summary(perceived: PerceivedScene) -> list[str]:
     confidence = f", confidence {' to '.join(f'{end:g}' for end in ends)}" if sure else ""
     first = f"{counted(len(objects), 'object')}{confidence}; suitability: {perceived.suitability}"
     if not objects:
-        return [first]
+        return [first, f"  objects   none; {ADD_OBJECT}"]
     table = {
         "objects": label_counts({k: item["label"] for k, item in enumerate(objects.values())}),
         "scale": f"{world['pixels_per_meter']:g} px/m, {comments.get('world.pixels_per_meter', '')}; to correct it, "

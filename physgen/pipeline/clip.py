@@ -20,7 +20,7 @@ from physgen.pipeline.refining import Refiners, guidance_footage, refine_footage
 from physgen.pipeline.stages import Film, Keep, Stages, fan, lint, render, scene_file
 from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
 from physgen.progress import Progress, silent
-from physgen.scene.scene import Motion
+from physgen.scene.scene import ADD_OBJECT, Motion
 
 if TYPE_CHECKING:
     from physgen.compile.world import World
@@ -324,11 +324,12 @@ class _Run:
         reach = np.array([body.reach for body in world.bodies])[:, None]
         moved = np.ptp(trajectory.poses, axis=0) * np.concatenate([np.ones((len(reach), 2)), reach], 1)
         if moved.max(initial=0.0) < UNMOVED:
-            name = next((body.name for body in world.bodies if body.motion is Motion.DYNAMIC), "NAME")
-            fix = f"try --push {name}=right, or write a velocity, a force or motion: dynamic"
-            self.warn(
-                Problem(scene.place("objects"), "", "", "nothing moves in this clip", fix, Severity.WARNING)
-            )
+            names = [
+                body.name for body in sorted(world.bodies, key=lambda one: one.motion is not Motion.DYNAMIC)
+            ]
+            fix = "".join(f"try --push {name}=right, or write a velocity or a force" for name in names[:1])
+            why = "nothing moves in this clip" + ": the scene has no objects" * (not names)
+            self.warn(Problem(scene.place("objects"), "", "", why, fix or ADD_OBJECT, Severity.WARNING))
         record.samples, record.effort = trajectory.sample_hashes(), asdict(trajectory.effort)
         # a body's fall by a pixel is the least that counts: at rest, no energy flows
         weight = sum(body.mass for body in world.bodies) * float(np.hypot(*world.gravity))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import cos, hypot, radians, sin
+from math import cos, hypot, radians, sin, sqrt
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from physgen.geometry.scale import push_speed
 from physgen.problems import InputError
+from physgen.scene.files import equal
 from physgen.scene.provenance import meters
-from physgen.scene.scene import Motion, Object, Scene, View
+from physgen.scene.scene import ADD_OBJECT, Motion, Object, Scene, View
 from physgen.text import listed, nearest, quantity
 
 if TYPE_CHECKING:
@@ -59,6 +60,8 @@ class _Trial:
 TRIAL = _Trial()
 WORDS = {"right": (1, 0), "left": (-1, 0), "up": (0, -1), "down": (0, 1)}
 """Directions in image axes; two of them are joined by a hyphen: up-right."""
+SAME = 0.01
+"""Of a speed, by which one that is written with three digits may differ."""
 NEAR = 0.05
 """Of the picture's longer side, by which a kick may miss an object."""
 LARGEST = 1e9
@@ -184,7 +187,8 @@ def motion_edits(
 ) -> dict[str, Any]:
     """Dotted keys and values that set a scene in motion.
 
-    `pushes` are `NAME=DIRECTION[@SPEED]`, `drops` names, `kicks` `X,Y[@SPEED]`. Raises InputError.
+    `pushes` are `NAME=DIRECTION[@SPEED]`, `drops` names, `kicks` `X,Y[@SPEED]`. They take the place of the push that
+    perception wrote. Raises InputError.
     """
     edits: dict[str, Any] = {}
     for text in pushes:
@@ -211,7 +215,25 @@ def motion_edits(
         edits |= _let_go(item)
     if made:
         edits["forces"] = [*scene.document["forces"], *(force for _, force in made)]
+    for name in _perceived_pushes(scene) if edits else ():
+        edits.setdefault(f"objects.{name}.velocity", [0, 0])
     return edits
+
+
+def _perceived_pushes(scene: Scene) -> list[str]:
+    """Objects that have the velocity which perception wrote, at the scale of then or as it followed the scale."""
+    now = scene.world.pixels_per_meter
+    followed = sqrt((scene.record.scale or now) / now)
+    found = []
+    for item in scene.objects:
+        wrote = scene.record.entry(item.name, scene.document["objects"][item.name]).get("velocity")
+        speeds = (
+            [quantity(str(part), "px/s", now) or 0.0 for part in wrote] if isinstance(wrote, list) else []
+        )
+        ways = [[factor * part for part in speeds] for factor in (1, followed)]
+        if any(speeds) and any(equal(item.velocity, way, SAME * hypot(*way)) for way in ways):
+            found.append(item.name)
+    return found
 
 
 def _let_go(item: Object) -> dict[str, Any]:
@@ -225,7 +247,7 @@ def _named(scene: Scene, flag: str, name: str) -> Object:
             return item
     names = [item.name for item in scene.objects]
     close = nearest(name, names)
-    fix = f"did you mean {close}?" if close else f"write one of {listed(names[:20]) or 'the objects'}"
+    fix = f"did you mean {close}?" if close else f"write one of {listed(names[:20])}" if names else ADD_OBJECT
     raise InputError.of(flag, f'"{name}"', "names no object", fix)
 
 
@@ -242,9 +264,9 @@ def _direction_and_speed(scene: Scene, flag: str, text: str) -> tuple[str, float
 
 
 def _metric(text: str) -> bool:
-    """Whether the speed after @ is in cm/s, m/s or the like: the user thinks in these units."""
-    speed = text.partition("@")[2]
-    return "px" not in speed and quantity(speed, "m/s", 1.0) is not None
+    """Whether the speed after @ is in cm/s, m/s or the like, or is left to us: perception writes m/s."""
+    _, sign, speed = text.partition("@")
+    return not sign or ("px" not in speed and quantity(speed, "m/s", 1.0) is not None)
 
 
 def finite(text: str) -> float:
@@ -287,6 +309,10 @@ def _lifted(scene: Scene, compiled: Compiled, item: Object) -> list[float]:
 
 def _kick(scene: Scene, compiled: Compiled, text: str) -> tuple[Object, dict[str, Any]]:
     """The object at a point, or close by, and an impulse there: away from the point, level seen from the side."""
+    import shapely
+
+    from physgen.geometry.convex import outline_shape
+
     where, speed = _direction_and_speed(scene, "--kick", text)
     per_meter, ends = scene.world.pixels_per_meter, where.split(",")
     in_units = [quantity(part, "px", per_meter) for part in ends]
@@ -296,19 +322,18 @@ def _kick(scene: Scene, compiled: Compiled, text: str) -> tuple[Object, dict[str
         fix = "write e.g. 120,80 or 6 cm,4 cm"
         raise InputError.of("--kick", f'"{where}"', "is not two lengths", fix) from None
     if not scene.objects:
-        raise InputError.of("--kick", f'"{where}"', "meets no object: the scene has none", "leave it out")
+        raise InputError.of("--kick", f'"{where}"', "meets no object: the scene has none", ADD_OBJECT)
     at = np.array([x, y])
-    outlines = [np.concatenate(body.rings) + body.center for body in compiled.world.bodies]
-    gaps = [float(np.hypot(*(points - at).T).min()) for points in outlines]
-    k = int(np.argmin(gaps))
+    ways = [shapely.shortest_line(outline_shape(one), shapely.Point(x, y)) for one in compiled.outlines]
+    k = int(np.nanargmin(shapely.length(ways)))
     row, column = (
         int(np.clip(part, 0, side - 1)) for part, side in zip((y, x), scene.size[::-1], strict=True)
     )
     if compiled.labels[row, column]:
         k = int(compiled.labels[row, column]) - 1
-    elif gaps[k] > NEAR * max(scene.size):
-        near = outlines[k][int(np.argmin(np.hypot(*(outlines[k] - at).T)))].round().astype(int).tolist()
-        fix = f"name a point of an object; the nearest: {near[0]},{near[1]} of {scene.objects[k].name}"
+    elif ways[k].length > NEAR * max(scene.size):
+        near = ",".join(str(round(part)) for part in ways[k].coords[0])
+        fix = f"name a point of an object; the nearest: {near} of {scene.objects[k].name}"
         raise InputError.of("--kick", f'"{where}"', "meets no object", fix)
     body = compiled.world.bodies[k]
     way = body.center - at
@@ -318,5 +343,8 @@ def _kick(scene: Scene, compiled: Compiled, text: str) -> tuple[Object, dict[str
     impulse: list[Any] = [float(f"{body.mass * speed * part:.4g}") + 0.0 for part in way]
     if _metric(text):
         impulse = [f"{part / per_meter:.4g} g m/s" if part else 0 for part in impulse]
-    kept = [end if px is None else part.strip() for end, px, part in zip((x, y), in_units, ends, strict=True)]
+    numbers = (int(end) if end.is_integer() else end for end in (x, y))
+    kept = [
+        end if px is None else part.strip() for end, px, part in zip(numbers, in_units, ends, strict=True)
+    ]
     return scene.objects[k], {"object": body.name, "impulse": impulse, "at": kept}

@@ -26,6 +26,10 @@ Size = tuple[int, int]
 Point = tuple[float, float]
 
 
+ADD_OBJECT = "add one: physgen perceive PHOTO --box X,Y,W,H or --point X,Y, or an entry of objects"
+"""What to do where a scene has no object."""
+
+
 def video_size(photo: Size, scale: float | None, size: Size | None) -> Size:
     """What `render.scale` or `render.size` make of a photo's size; as large as the photo without them.
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from math import cos, radians, sin
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -83,6 +85,7 @@ def test_shorthands_are_edits(row: Path) -> None:
     assert [quantity(metric["impulse"][0], "g·px/s", 800), 0] == pytest.approx(kick["impulse"])
     with pytest.raises(InputError, match="6 cm,4 cm"):
         motion_edits(scene, compiled, [], [], ["13 kg,95"])
+    assert motion_edits(scene, compiled, [], [], ["13 cm,95"])["forces"][0]["impulse"][0].endswith(" g m/s")
     for far in ("2350,10", "300,190"):
         with pytest.raises(InputError, match=r"meets no object.*the nearest: \d+,\d+ of domino-\d"):
             motion_edits(scene, compiled, [], [], [far])
@@ -103,3 +106,61 @@ def test_a_still_scene_says_so_and_a_push_prints_what_to_keep(row: Path, tmp_pat
     row.write_text(ROW.replace("objects:\n", "variants: {a: {objects.domino-0.velocity: [1, 0]}}\n" + kept, 1)
                    .replace("  domino-0: {shape", "    shape", 1).replace("[8, 60]}}}", "[8, 60]}}", 1))  # fmt: skip
     assert pipeline.load(row).objects[0].velocity[0] > 0
+
+
+def test_a_shorthand_takes_the_place_of_perception_s_push_and_of_no_other(tmp_path: Path, capsys) -> None:
+    """As recorded, and as it follows a changed scale; seen in the motion of the object that is not named."""
+    rgb = np.full((140, 300, 3), (190, 186, 176), np.uint8)
+    labels = np.zeros((140, 300), np.uint8)
+    for k, x in enumerate((60, 150, 240), 1):
+        cv2.circle(rgb, (x, 70), 25, (40, 60, 170), -1)
+        cv2.circle(labels, (x, 70), 25, k, -1)
+    for name, picture in (("photo.png", rgb), ("masks.png", labels)):
+        cv2.imwrite(str(tmp_path / name), picture)
+    path, photo = tmp_path / "scene.yaml", str(tmp_path / "photo.png")
+    assert main(["perceive", photo, "--masks", str(tmp_path / "masks.png"), "-o", str(path)]) == 0
+    capsys.readouterr()
+
+    def moving(pushes: list[str], drops: list[str], kicks: list[str], *edits: str) -> list[str]:
+        scene = pipeline.load(path, edits)
+        compiled = pipeline.compile(scene, pipeline.percepts(scene))
+        made = motion_edits(scene, compiled, pushes, drops, kicks)
+        edited = pipeline.load(path, [*edits, *(f"{key}={json.dumps(value)}" for key, value in made.items())])
+        return [item.name for item in edited.objects if any(item.velocity)]
+
+    (pushed,) = moving([], [], [])
+    names = [item.name for item in pipeline.load(path).objects]
+    other = next(name for name in names if name != pushed)
+    for edits in ([], ["world.pixels_per_meter=250"]):
+        assert moving([f"{other}=right"], [], [], *edits) == [other]
+        assert moving([], [], ["60,70"], *edits) == []
+        assert moving([f"{pushed}=right@1 m/s"], [], [], *edits) == [pushed]
+    mine = f"objects.{pushed}.velocity=[3 m/s, 0]"
+    assert set(moving([f"{other}=right"], [], [], mine)) == {other, pushed}
+
+
+@pytest.mark.parametrize("point", ["-4,120", "-4 px,120"])
+def test_a_point_left_of_the_photo_needs_no_equals_sign(point: str, tmp_path: Path, capsys) -> None:
+    path = tmp_path / "scene.yaml"
+    path.write_text(ROW.replace(f"[{100}, 120]", "[8, 120]"))
+    assert (
+        main(["render", str(path), "-o", str(tmp_path), "--preview", "--report", "none", "--kick", point])
+        == 0
+    )
+    said = capsys.readouterr().err
+    assert "object: domino-0" in said
+    assert f"at: [{point.split(',')[0]}, 120]" in said
+
+
+def test_a_scene_without_objects_is_told_how_to_add_one(tmp_path: Path, capsys) -> None:
+    path = tmp_path / "scene.yaml"
+    path.write_text("physgen: 1\nsize: [64, 48]\nobjects: {}\n")
+    command = ["render", str(path), "-o", str(tmp_path), "--preview", "--report", "none"]
+    assert main(command) == 0
+    for more in (["--push", "ball=right"], ["--kick", "5,5"]):
+        assert main([*command, *more]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 3
+    for line in lines:
+        assert "NAME" not in line
+        assert "--box X,Y,W,H or --point X,Y" in line
