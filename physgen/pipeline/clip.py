@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from physgen.maps import Percepts
     from physgen.pipeline.footage import Footage
     from physgen.render.stage import Frame
+    from physgen.report.perception import Comparison
     from physgen.report.record import RunRecord
-    from physgen.report.refinement import RefinementStrip
     from physgen.report.uncertainty import UncertaintySection
     from physgen.scene.scene import Scene
     from physgen.simulate.trajectory import Trajectory
@@ -392,7 +392,7 @@ class _Run:
 
     def refine(
         self, footage: Footage, folder: Path, refiners: Refiners
-    ) -> tuple[Sequence[Problem], RefinementStrip | None]:
+    ) -> tuple[Sequence[Problem], Comparison | None]:
         """Write the clip unrefined and refined, and the labels; returns why it failed, and the changes."""
         from physgen.pipeline.writing import VideoFiles
 
@@ -403,7 +403,7 @@ class _Run:
         earlier = _manifest(self.final)
         if outcome.faults and earlier.get("refine") and earlier.get("frames"):  # hours of work may be in it
             raise InputError([*outcome.faults, _kept(self.final, "keeps the clip that was refined before")])
-        return outcome.faults, outcome.retouched
+        return outcome.faults, outcome.changed
 
     def _truth(self, folder: Path) -> Path:
         return folder / "truth" if self.options.formats else folder
@@ -413,7 +413,7 @@ class _Run:
         trajectory: Trajectory,
         first: U8,
         folder: Path,
-        changed: RefinementStrip | None,
+        changed: Comparison | None,
         draws: Draws | None,
     ) -> None:
         """The report; `first` is the clip's first frame, unrefined."""

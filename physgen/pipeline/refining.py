@@ -19,15 +19,11 @@ if TYPE_CHECKING:
     from physgen.refine.denoiser import Denoiser
     from physgen.refine.fusion import RefineSettings
     from physgen.render.stage import Frame
+    from physgen.report.perception import Comparison
     from physgen.report.record import RunRecord
-    from physgen.report.refinement import RefinementChanges, RefinementStrip
+    from physgen.report.refinement import RefinementChanges
     from physgen.scene.scene import Scene
     from physgen.simulate.trajectory import Trajectory
-
-STRIP = "refinement.png"
-"""Picture of the changes, in the folder of the clip."""
-QUALITY = 84
-"""Of WebP, of the same picture on the page."""
 
 
 class Refiners:
@@ -63,8 +59,8 @@ class Outcome:
 
     faults: Sequence[Problem]
     """Why it failed; empty where it did not."""
-    retouched: RefinementStrip | None
-    """The changes, for the report."""
+    changed: Comparison | None
+    """The frame that changed most, before and after."""
 
 
 def refine_settings(scene: Scene) -> RefineSettings:
@@ -121,11 +117,9 @@ def guidance_footage(
 
 def refine_footage(film: Film, kept: Footage, refiners: Refiners, files: VideoFiles) -> Outcome:
     """Write the clip unrefined and, in all formats, refined."""
-    from physgen.maps import write_png
     from physgen.refine.fusion import Refinement, backend_errors
-    from physgen.report.html import webp
     from physgen.report.perception import compared
-    from physgen.report.refinement import RefinementChanges, RefinementStrip
+    from physgen.report.refinement import RefinementChanges
 
     scene, trajectory, record = film.scene, kept.trajectory, files.record
     order, count = film.shot(trajectory).order, len(kept.rgb)
@@ -141,8 +135,7 @@ def refine_footage(film: Film, kept: Footage, refiners: Refiners, files: VideoFi
         with record.stage("load model"), backend_errors("--refine", name):
             model = refiners.model(name)
         refinement = Refinement(model, refine_settings(scene), scene.video_size, count, files.progress)
-        step = float(trajectory.times[1] - trajectory.times[0]) if len(trajectory.times) > 1 else 1.0
-        changes = RefinementChanges(count, 1 / step)
+        changes = RefinementChanges()
         made = _measured(name, refinement.frames(kept.rgb, kept.coverage), kept, changes)
         if list(order) != list(range(count)):
             with record.stage("refine"):
@@ -156,16 +149,10 @@ def refine_footage(film: Film, kept: Footage, refiners: Refiners, files: VideoFi
         record.frames = []
         record.refine = {"backend": name, "failed": "; ".join(map(str, error.problems))}
         return Outcome(error.problems, None)
-    picture = changes.picture()
-    write_png(files.folder / STRIP, picture)
-    strip = {"file": STRIP, "size": [picture.shape[1], picture.shape[0]]}
-    record.refine = {"backend": name, **refinement.note(), "changes": changes.figures(), "strip": strip}
+    record.refine = {"backend": name, **refinement.note(), "changes": changes.figures()}
     before, after = ("as it was drawn", kept.rgb[changes.most]), ("refined", changes.refined)
     caption = f"The frame that changed most, at {float(trajectory.times[changes.most]):.2f} s."
-    pair = compared("refined", "Refined", caption, before, after)
-    return Outcome(
-        (), RefinementStrip(pair, webp(picture, QUALITY), (picture.shape[1], picture.shape[0]), changes.times)
-    )
+    return Outcome((), compared("refined", "Refined", caption, before, after))
 
 
 def _measured(name: str, frames: Iterator[U8], kept: Footage, changes: RefinementChanges) -> Iterator[U8]:

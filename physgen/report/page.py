@@ -30,10 +30,10 @@ from physgen.report.parameters import (
     parameter_rows,
     svg_points,
 )
-from physgen.report.perception import Perception
+from physgen.report.perception import Comparison, Perception
 from physgen.report.player import Data
 from physgen.report.record import RunRecord, versions
-from physgen.report.refinement import RefinementStrip, refinement
+from physgen.report.refinement import refinement
 from physgen.report.uncertainty import UncertaintySection, dimmed_photo
 from physgen.scene.scene import Play, Render, Scene, View
 from physgen.text import rounded, value_text
@@ -64,7 +64,8 @@ class PageParts:
     player: Data | None = None
     """`player_data`; without it, or without scripts, the page has a picture and the video."""
     perception: Perception | None = None
-    refinement: RefinementStrip | None = None
+    refinement: Comparison | None = None
+    """A frame before and after."""
     uncertainty: UncertaintySection | None = None
 
 

@@ -1,20 +1,15 @@
-"""What refinement changed: measured changes, the strip of frames before and after, and the rows of the page.
-
-Frames come one after the other; only a few small columns are kept.
-"""
+"""What refinement changed: measured changes, and the rows of the page. Frames come one after the other."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.report.html import U8, fitted
-from physgen.report.perception import Comparison
+from physgen.report.html import U8
 from physgen.report.record import REFINING
 from physgen.text import value_text
 
@@ -25,24 +20,14 @@ NEAR = 0.05
 PLACES = ("objects", "near", "elsewhere")
 
 
-COLUMNS, PANEL, GAP = 6, 300, 8
-"""Moments of the strip of frames, and px: the longer side of each at most, and white between them."""
-GAIN = 4
-"""Times the changes that the strip shows, about a middle grey."""
-ELSEWHERE = {"changes", "strip", "failed", *REFINING}
+ELSEWHERE = {"changes", "failed", *REFINING}
 """Keys of `RunRecord.refine` that are shown elsewhere."""
 
 
 class RefinementChanges:
     """Measures of frames as they come."""
 
-    def __init__(self, count: int, fps: float) -> None:
-        """`count` frames of the clip, at `fps` 1/s."""
-        self._fps = fps
-        self._shown = set(np.linspace(0, count - 1, min(COLUMNS, count)).round().astype(int).tolist())
-        self.times: list[float] = []
-        """s of playing: of the strip's columns."""
-        self._columns: list[U8] = []
+    def __init__(self) -> None:
         self.most = 0
         """The frame that changed most."""
         self.refined: U8 = np.zeros((0, 0, 3), np.uint8)
@@ -53,8 +38,7 @@ class RefinementChanges:
 
     def add(self, guidance: U8, refined: U8, coverage: F32) -> None:
         """The next frame: (H, W, 3) sRGB twice, and (H, W) coverage of objects, 0..1."""
-        difference = np.subtract(refined, guidance, dtype=np.int16)
-        change = np.abs(difference).sum(axis=2).astype(np.float32) / 3
+        change = np.abs(np.subtract(refined, guidance, dtype=np.int16)).sum(axis=2).astype(np.float32) / 3
         self._near = NEAR * float(np.hypot(*change.shape))
         for k, share in enumerate(_shares(coverage, self._near)):
             pixels = float(share.sum(dtype=np.float64))
@@ -62,10 +46,6 @@ class RefinementChanges:
         mean = float(change.mean(dtype=np.float64))
         if self._seen == 0:
             self._first = mean
-        if self._seen in self._shown:
-            self.times.append(self._seen / self._fps)
-            shown = np.clip(128 + GAIN * difference, 0, 255).astype(np.uint8)
-            self._columns.append(np.vstack([_framed(rgb) for rgb in (guidance, refined, shown)]))
         if mean > self._largest:
             self._largest, self.most, self.refined = mean, self._seen, refined.copy()
         self._seen += 1
@@ -84,15 +64,6 @@ class RefinementChanges:
         found = {**means, "all": total / max(pixels, 1.0), "near_px": self._near, "first": self._first}
         return {name: None if value is None else round(value, 4) for name, value in found.items()}
 
-    def picture(self) -> U8:
-        """(H, W, 3) sRGB: the strip; rows are guidance, refined and `GAIN` times the change, columns are moments."""
-        return np.hstack(self._columns)
-
-
-def _framed(rgb: U8) -> U8:
-    """A frame of the strip."""
-    return np.pad(fitted(rgb, PANEL), ((0, GAP), (0, GAP), (0, 0)), constant_values=255)
-
 
 def _shares(coverage: F32, near: float) -> tuple[F32, F32, F32]:
     """(H, W) each, together 1: of objects, of pixels up to `near` px from one, and of all others."""
@@ -102,20 +73,6 @@ def _shares(coverage: F32, near: float) -> tuple[F32, F32, F32]:
         return coverage, np.zeros_like(rest), rest
     away = cv2.distanceTransform(beyond, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     return coverage, np.where(away <= near, rest, np.float32(0)), np.where(away > near, rest, np.float32(0))
-
-
-@dataclass(frozen=True)
-class RefinementStrip:
-    """A refinement on a page."""
-
-    compared: Comparison
-    """A frame before and after."""
-    picture: str
-    """`RefinementChanges.picture` as a data URI."""
-    size: tuple[int, int]
-    """Its width and height, px."""
-    times: Sequence[float]
-    """s: of its columns."""
 
 
 def refinement(note: Mapping[str, Any] | None) -> dict[str, Any] | None:

@@ -66,7 +66,7 @@ def test_the_folder_holds_both_clips_and_tells_how_it_was_made() -> None:
     assert (refine["backend"], refine["revision"], refine["seed"]) == ("exact", "exact", 7)
     assert (refine["steps"], refine["steps_run"], refine["steps_fused"]) == (10, 3, 2)
     assert refine["prompt"] == "ball, wooden block"
-    assert {"video.mp4", "unrefined.mp4", "refinement.png"} <= set(told["files"])
+    assert {"video.mp4", "unrefined.mp4"} <= set(told["files"])
     assert len(frames("out/pair/video.mp4")) == len(frames("out/pair/unrefined.mp4")) == len(told["frames"])
     assert "refinement" in Path("out/pair/report.html").read_text(encoding="utf-8").lower()
 

@@ -8,11 +8,10 @@ import numpy as np
 
 from physgen import pipeline
 from physgen.report.films import Film
-from physgen.report.html import webp
 from physgen.report.page import PageParts, report_page
-from physgen.report.perception import compared
+from physgen.report.perception import Comparison, compared
 from physgen.report.record import RunRecord
-from physgen.report.refinement import RefinementChanges, RefinementStrip
+from physgen.report.refinement import RefinementChanges
 
 SCENE = """\
 physgen: 1
@@ -39,7 +38,7 @@ NOTE = {
 
 
 def page_of(
-    tmp_path: Path, refine: dict | None, video: str = "video.mp4", shown: RefinementStrip | None = None
+    tmp_path: Path, refine: dict | None, video: str = "video.mp4", shown: Comparison | None = None
 ) -> str:
     (tmp_path / "scene.yaml").write_text(SCENE)
     scene = pipeline.load(tmp_path / "scene.yaml")
@@ -50,18 +49,17 @@ def page_of(
 
 
 def test_the_page_shows_what_refinement_did(tmp_path: Path) -> None:
-    changes, coverage = RefinementChanges(3, 8.0), np.zeros((20, 40), np.float32)
+    changes, coverage = RefinementChanges(), np.zeros((20, 40), np.float32)
     coverage[5:15, 5:15] = 1
     for k in range(3):
         before, after = (np.full((20, 40, 3), code, np.uint8) for code in (100 + k, 100 + 3 * k))
         changes.add(before, after, coverage)
     pair = compared("refined", "Refined", "", ("before", before), ("after", after))
-    shown = RefinementStrip(pair, webp(changes.picture(), 80), (720, 300), changes.times)
-    page = page_of(tmp_path, {**NOTE, "changes": changes.figures()}, shown=shown)
+    page = page_of(tmp_path, {**NOTE, "changes": changes.figures()}, shown=pair)
     start = page.index('<section id="refinement"')
     section = page[start : page.index("</section>", start)]
     assert page.index("</figure>") < start
-    assert f'src="{shown.picture}"' in section
+    assert f'src="{pair.after.uri}"' in section
     assert "<script>alert" not in page
     for words in (
         "&lt;script&gt;alert(1)&lt;/script&gt;",
