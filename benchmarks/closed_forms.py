@@ -27,9 +27,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--no-convergence", action="store_true", help="only at default settings")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="draws run at a time")
     parser.add_argument("-o", "--output", type=Path, help="keep every scene file that is run in this folder")
-    form = parser.add_mutually_exclusive_group()
-    form.add_argument("--json", action="store_true")
-    form.add_argument("--markdown", action="store_true")
+    parser.add_argument("--json", action="store_true")
     options = parser.parse_args(arguments)
     steps = () if options.no_convergence else STEPS
     try:

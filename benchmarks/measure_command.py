@@ -15,9 +15,7 @@ from physgen.problems import InputError
 
 def run(parser: Parser, find: Callable[[Namespace, Progress], Findings], arguments: list[str] | None) -> int:
     """Print what is found, and write its page where `-o` is given; 1 where a bar is missed, 2 for wrong input."""
-    form = parser.add_mutually_exclusive_group()
-    form.add_argument("--json", action="store_true", help="print as JSON")
-    form.add_argument("--markdown", action="store_true", help="print as a page")
+    parser.flag("--json", "print as JSON")
     add_output(parser)
     options = parser.parse_args(arguments)
     options.command_line = ["python", *sys.argv]

@@ -36,10 +36,9 @@ def add_output(parser: Parser, what: str = "write a page, and the result as JSON
 
 def show(findings: Findings, options: argparse.Namespace) -> int:
     """Print the result; 1 where a bar is missed."""
-    from physgen.evaluate.measure import as_json, markdown, text
+    from physgen.evaluate.measure import as_json, text
 
-    write = as_json if options.json else markdown if options.markdown else text
-    sys.stdout.write(write(findings))
+    sys.stdout.write(as_json(findings) if options.json else text(findings))
     return OK if findings.passed else FAILED
 
 
@@ -273,9 +272,7 @@ def measures(subparsers: argparse._SubParsersAction[Parser]) -> None:
             description=measure.about,
             epilog=f"example: physgen evaluate {measure.example}",
         )
-        form = sub.add_mutually_exclusive_group()
-        form.add_argument("--json", action="store_true", help="print as JSON")
-        form.add_argument("--markdown", action="store_true", help="print as a page")
+        sub.flag("--json", "print as JSON")
         measure.add(sub)
 
 

@@ -1,4 +1,4 @@
-"""Result of a measure, and its form as terminal text, Markdown, JSON and a page.
+"""Result of a measure, and its form as terminal text, JSON and a page.
 
 A measure returns one `Findings`: sentences, tables, the bars to be met, and the same as data. Numbers in
 tables are texts; `rows` holds them in full. What is not known is "-" in tables and None in data, never NaN.
@@ -107,19 +107,6 @@ def text(findings: Findings) -> str:
     return "\n".join(lines) + "\n"
 
 
-def markdown(findings: Findings) -> str:
-    """As a page of the docs."""
-    lines = [f"# {findings.title}", "", *findings.sentences, ""]
-    for section in findings.sections:
-        lines += [f"## {section.title}", "", *section.sentences, *([""] if section.sentences else [])]
-        for table in section.tables:
-            lines += [f"**{table.title}**", ""] if table.title else []
-            lines += [_row(table.heads), "|".join(["", *("---" for _ in table.heads), ""])]
-            lines += [*map(_row, table.rows), "", *([table.note, ""] if table.note else [])]
-    lines += [f"- {bar}" for bar in findings.bars]
-    return "\n".join(lines).rstrip() + "\n"
-
-
 def columns(table: Table) -> list[str]:
     """Lines of one width: words to the left, numbers to the right."""
     lines = [table.heads, *table.rows]
@@ -164,10 +151,6 @@ def counted(count: int, what: str) -> str:
 
 def _wrapped(sentences: Sequence[str]) -> list[str]:
     return [line for sentence in sentences for line in textwrap.wrap(sentence, COLUMNS)]
-
-
-def _row(cells: Sequence[str]) -> str:
-    return "|".join(["", *(f" {cell} ".replace("|", "\\|") for cell in cells), ""])
 
 
 # ---- the page ----------------------------------------------------------------------------------------------------

@@ -15,7 +15,6 @@ from physgen.evaluate.measure import (
     Section,
     Table,
     as_json,
-    markdown,
     text,
     write_page,
 )
@@ -82,15 +81,9 @@ def test_a_missed_bar_is_said_everywhere() -> None:
     assert found().passed
     assert not found(met=False).passed
     assert "MISSED" in text(found(met=False))
-    assert "MISSED" in markdown(found(met=False))
     assert found(met=False).as_dict()["passed"] is False
 
 
 def test_no_number_is_no_result() -> None:
     with pytest.raises(ValueError, match="not JSON compliant"):
         as_json(found(value=nan))
-
-
-def test_markdown_keeps_its_columns() -> None:
-    rows = [line for line in markdown(found()).splitlines() if line.startswith("|")]
-    assert {row.replace("\\|", "").count("|") for row in rows} == {3}

@@ -86,8 +86,6 @@ def test_tables_and_pictures(folder: Path, tmp_path: Path, capsys: pytest.Captur
     assert (record["measure"], record["passed"]) == ("segmentation", True)
     page = (out / "index.html").read_text()
     assert "average precision at IoU" in page
-    assert main([*arguments[:3], "--markdown"]) == 0
-    assert "| photo | true |" in capsys.readouterr().out
 
 
 def test_photos_that_stand_alone_are_told_of(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
