@@ -227,6 +227,11 @@ def listed(words: Iterable[str], last: str = "or") -> str:
     return f"{', '.join(words[:-1])} {last} {words[-1]}" if len(words) > 1 else "".join(words)
 
 
+def counted(number: int, noun: str) -> str:
+    """A number of objects of one kind: 1 shape, 2 shapes."""
+    return f"{number:,} {noun}{'s' * (number != 1)}"
+
+
 def natural(name: str) -> tuple[tuple[str | int, ...], str]:
     """A key that sorts names as people do.
 

@@ -13,9 +13,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from physgen.evaluate.measure import Bar, Findings, Section, Table, counted, number
+from physgen.evaluate.measure import Bar, Findings, Section, Table, number
 from physgen.problems import InputError
 from physgen.scene.scene import View
+from physgen.text import counted
 
 from .motion import Motion, Segment, Turn, runs
 from .tracks import Array, Tracks

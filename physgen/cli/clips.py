@@ -10,7 +10,8 @@ from contextlib import closing, suppress
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from textwrap import indent
+from typing import TYPE_CHECKING, Any
 
 from physgen.cli.arguments import FORMATS, WRONG_INPUT, Parser, among, count, draws, labels, seed
 from physgen.cli.output import FAILED, OK, Bar, print_error, print_line
@@ -44,20 +45,19 @@ def _motion_edits(path: str, variant: str | None, options: argparse.Namespace) -
         return ()
     from physgen import pipeline
     from physgen.pipeline.pushes import motion_edits
-    from physgen.scene.write import flow_text
+    from physgen.scene.write import flow_text, scene_text
 
     scene = _opened(path, options.allow_outside).scene(options.set, variant)
     compiled = pipeline.compile(scene, pipeline.percepts(scene))
     edits = motion_edits(scene, compiled, options.push, options.drop, options.kick)
-    print_error(f"{path}: to keep this motion, write")
-    section: tuple[str, ...] = ()
-    for key, value in sorted(edits.items(), reverse=True):
+    kept: dict[str, Any] = {}
+    for key, value in edits.items():
         *above, last = key.split(".")
-        for depth, part in enumerate(above):
-            if section[: depth + 1] != tuple(above[: depth + 1]):
-                print_error(f"  {'  ' * depth}{part}:")
-        section = tuple(above)
-        print_error(f"  {'  ' * len(above)}{last}: {flow_text(value, (last,))}")
+        part = kept
+        for name in above:
+            part = part.setdefault(name, {})
+        part[last] = value
+    print_error(f"{path}: to keep this motion, write\n{indent(scene_text(kept), '  ').rstrip()}")
     return tuple(f"{key}={flow_text(value, ())}" for key, value in edits.items())
 
 

@@ -16,7 +16,7 @@ from physgen.cli.arguments import Command, Parser, whole
 from physgen.cli.output import OK, Bar, print_backup, print_error, print_line, print_problem
 from physgen.cli.perceive import add_backends
 from physgen.problems import InputError
-from physgen.text import listed, nearest, quoted
+from physgen.text import quoted
 
 NEEDED = ("fastapi", "filelock", "uvicorn")
 SCENES = (".yaml", ".yml", ".physgen")
@@ -72,20 +72,13 @@ def edit_file(options: argparse.Namespace) -> int:
     from physgen.edit.live import Live
     from physgen.edit.operations import edited
     from physgen.files import write_with_backup
+    from physgen.pipeline.pushes import named
     from physgen.problems import EditError
     from physgen.scene.load import Opened
-    from physgen.scene.scene import ADD_OBJECT
 
     path: Path = options.scene
     scene = Opened(path, options.allow_outside).scene()
-    known = [item.name for item in scene.objects]
-    for name in options.objects:
-        if name not in known:
-            close = nearest(name, known)
-            fix = f"the objects are {listed(known[:20], 'and')}" if known else ADD_OBJECT
-            fix = f"did you mean {close}?" if close else fix
-            raise InputError.of(str(path), f'"{name}"', "names no object", fix)
-    options.objects = list(dict.fromkeys(options.objects))
+    options.objects = list(dict.fromkeys(named(scene, str(path), name).name for name in options.objects))
     if options.command == "merge" and len(options.objects) < 2:
         raise InputError.of(str(path), quoted(options.objects[0]), "is one object", "name two of them")
     text, first = path.read_bytes().decode("utf-8-sig"), options.objects[0]

@@ -144,11 +144,6 @@ def interval(low: float | None, high: float | None, form: str = ".2f") -> str:
     return "-" if low is None or high is None else f"[{low:{form}}, {high:{form}}]"
 
 
-def counted(count: int, what: str) -> str:
-    """`1 rater`, `2 raters`."""
-    return f"{count} {what}{'' if count == 1 else 's'}"
-
-
 def _wrapped(sentences: Sequence[str]) -> list[str]:
     return [line for sentence in sentences for line in textwrap.wrap(sentence, COLUMNS)]
 

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.evaluate.measure import Findings, Section, Table, counted, interval, number
+from physgen.evaluate.measure import Findings, Section, Table, interval, number
 from physgen.evaluate.study import ANSWERS, QUESTIONS, Key, read_record
 from physgen.problems import InputError, Place, Problem
-from physgen.text import natural, shown
+from physgen.text import counted, natural, shown
 
 F64 = NDArray[np.float64]
 Scores = NDArray[np.int64]

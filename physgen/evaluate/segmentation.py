@@ -18,11 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen import registry
-from physgen.evaluate.measure import Findings, Progress, Section, Table, counted, number
+from physgen.evaluate.measure import Findings, Progress, Section, Table, number
 from physgen.maps import read_labels
 from physgen.perceive.roles import Segment, Segments
 from physgen.photos import read_photo
 from physgen.problems import InputError, Place, Problem, Severity
+from physgen.text import counted
 
 Mask = NDArray[np.bool_]
 Floats = NDArray[np.float64]

@@ -47,6 +47,7 @@ from physgen.scene.scene import ADD_OBJECT, Solid, View
 from physgen.scene.schema import schema_at
 from physgen.scene.write import scene_text
 from physgen.scene.yaml_edit import marked, with_comments, without_comments, write
+from physgen.text import counted
 
 GENERIC = ("object", "thing")
 """Labels without meaning."""
@@ -401,11 +402,6 @@ def summary(perceived: PerceivedScene) -> list[str]:
     if doubts:
         table["doubtful"] = "; ".join([*doubts, "--box and --point mark what is missing"])
     return [first, *(f"  {name:<9} {' '.join(text.split())}" for name, text in table.items())]
-
-
-def counted(number: int, noun: str) -> str:
-    """A number of objects of one kind: 1 shape, 2 shapes."""
-    return f"{number:,} {noun}{'s' * (number != 1)}"
 
 
 def with_doubtful(labels: Labels, doubtful: Sequence[Doubt]) -> tuple[Labels, dict[str, Any]]:

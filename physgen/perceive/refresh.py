@@ -129,10 +129,9 @@ def with_sources(document: Entry, scene: Scene) -> dict[str, Any]:
 
 def user_layers(scene: Entry) -> dict[str, int]:
     """Layers that the user set, by name: those without a `from`. An object without `from` is all the user's."""
-    objects = scene["objects"].items()
     return {
         name: int(was.get("layer", 0))
-        for name, was in objects
+        for name, was in scene["objects"].items()
         if "from" not in was or ("layer" in was and "layer" not in was["from"])
     }
 

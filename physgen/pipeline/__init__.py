@@ -23,26 +23,7 @@ from physgen.problems import Warn, ignore_warning
 from physgen.progress import Progress, silent
 
 __all__ = [
-    "Page",
-    "Progress",
-    "Refiners",
-    "RenderOptions",
-    "Stages",
-    "Warn",
-    "compile",
-    "fan",
-    "filled",
-    "ignore_warning",
-    "lint",
-    "load",
-    "output_name",
-    "perceive",
-    "percepts",
-    "render",
-    "render_scene",
-    "scene_file",
-    "shot",
-    "silent",
-    "simulate",
-    "stage",
-]
+    "Page", "Progress", "Refiners", "RenderOptions", "Stages", "Warn", "compile", "fan", "filled",
+    "ignore_warning", "lint", "load", "output_name", "perceive", "percepts", "render", "render_scene",
+    "scene_file", "shot", "silent", "simulate", "stage",
+]  # fmt: skip

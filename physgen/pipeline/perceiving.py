@@ -184,18 +184,10 @@ def refresh(
     """
     from physgen.compile.compile import compile_scene
     from physgen.maps import read_percepts
+    from physgen.perceive import refresh as old_and_new
     from physgen.perceive.document import relabel_objects, write_scene
     from physgen.perceive.perceive import fit_objects
     from physgen.perceive.perceive import perceive as run
-    from physgen.perceive.refresh import (
-        kept_doubtful,
-        merge_documents,
-        rescaled,
-        same_objects,
-        start_refresh,
-        user_layers,
-        with_sources,
-    )
     from physgen.perceive.roles import Name
     from physgen.perceive.segment.prompts import Segmenter, weak_prompts
     from physgen.photos import read_photo
@@ -213,7 +205,7 @@ def refresh(
     kept = compile_scene(scene, None if maps is None else maps.labels).labels
     photo = read_photo(scene.image)
     find = Segmenter(crew, options.asked)
-    begun = start_refresh(photo.rgb, scene.objects, kept, options.boxes, options.points, find)
+    begun = old_and_new.start_refresh(photo.rgb, scene.objects, kept, options.boxes, options.points, find)
     crew.release("segment")
     for problem in weak_prompts(begun.found):
         warn(problem)
@@ -222,7 +214,7 @@ def refresh(
         fix = "leave the box or point out if it should stay"
         warn(Problem(Place(str(path)), f"objects.{name}", "", expected, fix, Severity.WARNING))
     own = raw_document(path, options.allow_outside)
-    old = with_sources(own, scene)
+    old = old_and_new.with_sources(own, scene)
     objects = fit_objects(photo.rgb, begun.found)[0]
     called = {i: name for i, name in begun.found.object_names.items() if name in old["objects"]}
     named, renamed = relabel_objects(objects, options.labels, called)
@@ -231,7 +223,7 @@ def refresh(
     record = scene.record
     scaled = follows_scale(old, record, side)
     labels = {**labels, **{item.id: Name(item.label, 1.0) for item in named if item.id in renamed}}
-    layers = user_layers(old)
+    layers = old_and_new.user_layers(old)
     layer_of = {i: layers[name] for i, name in called.items() if name in layers}
     per_meter = scene.world.pixels_per_meter
     perceived = run(
@@ -246,11 +238,11 @@ def refresh(
     doubtful: dict[str, Any] = {}
     seen = perceived.document
     if maps is not None:
-        labels_now, doubtful = kept_doubtful(old, maps.labels, perceived.percepts.labels)
-        if same_objects(scene, maps.labels, labels_now):
+        labels_now, doubtful = old_and_new.kept_doubtful(old, maps.labels, perceived.percepts.labels)
+        if old_and_new.same_objects(scene, maps.labels, labels_now):
             seen = {**seen, "boundaries": record.world["boundaries"]}
-    document = merge_documents(old, seen, begun, new_labels, scaled, record)
-    document, wrote = rescaled(own, document, record, side)
+    document = old_and_new.merge_documents(old, seen, begun, new_labels, scaled, record)
+    document, wrote = old_and_new.rescaled(own, document, record, side)
     wrote[""]["boundaries"] = seen["boundaries"]
     if maps is not None:
         document |= {"doubtful": doubtful} if "doubtful" in old else {}

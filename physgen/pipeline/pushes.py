@@ -51,6 +51,8 @@ class _Trial:
     """A displacement that counts in full."""
     least: float = 0.07
     """A displacement that is seen: 36 px of a photo of 512."""
+    written: float = 0.01
+    """Of a speed, by which one that is written with three digits may differ."""
     wild: float = 2.5
     """Times the push's speed and that of a fall over the photo, from which a motion is an explosion."""
     harder: tuple[float, ...] = (1.0, 1.5, 2.5)
@@ -60,8 +62,6 @@ class _Trial:
 TRIAL = _Trial()
 WORDS = {"right": (1, 0), "left": (-1, 0), "up": (0, -1), "down": (0, 1)}
 """Directions in image axes; two of them are joined by a hyphen: up-right."""
-SAME = 0.01
-"""Of a speed, by which one that is written with three digits may differ."""
 NEAR = 0.05
 """Of the picture's longer side, by which a kick may miss an object."""
 LARGEST = 1e9
@@ -193,7 +193,7 @@ def motion_edits(
     edits: dict[str, Any] = {}
     for text in pushes:
         name, _, rest = text.partition("=")
-        item = _named(scene, "--push", name.strip())
+        item = named(scene, "--push", name.strip())
         way, speed = _direction_and_speed(scene, "--push", rest)
         x, y = _direction("--push", way)
         edits |= _let_go(item)
@@ -202,7 +202,7 @@ def motion_edits(
         kept = [meters(part / per_meter) if _metric(rest) else round(part, 1) + 0.0 for part in parts]
         edits[f"objects.{item.name}.velocity"] = kept
     for name in drops:
-        item = _named(scene, "--drop", name.strip())
+        item = named(scene, "--drop", name.strip())
         if scene.world.view is View.TOP:
             fix = f"write --push {item.name}=right"
             raise InputError.of("--drop", f'"{name}"', "cannot fall: the photo is seen from above", fix)
@@ -231,7 +231,7 @@ def _perceived_pushes(scene: Scene) -> list[str]:
             [quantity(str(part), "px/s", now) or 0.0 for part in wrote] if isinstance(wrote, list) else []
         )
         ways = [[factor * part for part in speeds] for factor in (1, followed)]
-        if any(speeds) and any(equal(item.velocity, way, SAME * hypot(*way)) for way in ways):
+        if any(speeds) and any(equal(item.velocity, way, TRIAL.written * hypot(*way)) for way in ways):
             found.append(item.name)
     return found
 
@@ -240,7 +240,7 @@ def _let_go(item: Object) -> dict[str, Any]:
     return {} if item.motion is Motion.DYNAMIC else {f"objects.{item.name}.motion": "dynamic"}
 
 
-def _named(scene: Scene, flag: str, name: str) -> Object:
+def named(scene: Scene, flag: str, name: str) -> Object:
     """The object of that name. Raises InputError."""
     for item in scene.objects:
         if item.name == name:
