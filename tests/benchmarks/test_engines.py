@@ -13,7 +13,6 @@ from physics.engines import Unsupported, make
 from worlds import GRAVITY, ball, box, floor, push, world
 
 from physgen.compile.world import Field, Joint, Wall, World, surface
-from physgen.problems import InputError
 from physgen.scene.scene import Combine, FieldKind, JointKind, Load, Motion, Solid
 from physgen.simulate.engine import simulate
 from physgen.simulate.trajectory import Trajectory
@@ -90,12 +89,6 @@ CHECKS = {
     "disc rolling down": Check(
         on_the_slope(1 / 2), down_the_slope, GRAVITY * np.sin(TILT) / 3, bars(3e-3, 0.018, 0.005, 0.002),
     ),
-    "sphere rolling down": Check(
-        on_the_slope(2 / 5), down_the_slope, GRAVITY * np.sin(TILT) / 2.8, bars(3e-3, 0.018, 0.005, 0.002),
-    ),
-    "hoop rolling down": Check(
-        on_the_slope(1.0), down_the_slope, GRAVITY * np.sin(TILT) / 4, bars(3e-3, 0.018, 0.005, 0.002),
-    ),
     "sliding to rolling": Check(
         world(ball("a", 0, 380, v=(300, 0), mu=0.3, e=0), walls=[floor(mu=0.3, e=0)], duration=1.5),
         last("velocities", 0, 0), 200.0, bars(3e-3, 1e-6, 0.002, 0.001),
@@ -103,10 +96,6 @@ CHECKS = {
     "elastic head-on": Check(
         world(ball("a", 0, 0, v=(200, 0), e=1, mu=0), ball("b", 100, 0, mass=300, e=1, mu=0), **FREE),
         last("velocities", 1, 0), 100.0, bars(1e-3, 1e-9, 1e-5, 0.002),
-    ),
-    "head-on with e = 0.6": Check(
-        world(ball("a", 0, 0, v=(200, 0), e=0.6, mu=0), ball("b", 100, 0, mass=300, e=0.6, mu=0), **FREE),
-        last("velocities", 1, 0), 80.0, bars(1e-3, 1e-9, 1e-5, 0.005),
     ),
     "pendulum": Check(
         world(ball("a", 0, 100), pushes=NUDGE, **SWING), period,
@@ -121,10 +110,6 @@ CHECKS = {
               joints=[joint(JointKind.MOTOR, (30, 0), (-30, 0), second=1, speed=3.0)]),
         lambda t: float(t.velocities[-1, 0, 2] - t.velocities[-1, 1, 2]), 3.0, bars(1e-3, 1e-3, 1e-3, 1e-3),
     ),
-    "motor at its limit": Check(
-        world(ball("a", 0, 0), **FREE, joints=[joint(JointKind.MOTOR, speed=30.0, limit=20_000.0)]),
-        last("velocities", 0, 2), 1.0, bars(2e-3, 1e-6, 1e-3, 1e-3),
-    ),
     "weld": Check(
         world(box("a", 0, 0), box("b", 40, 0), pushes=[push(Load.IMPULSE, (0, 2e4))], **FREE,
               joints=[joint(JointKind.WELD, (20, 0), (-20, 0), second=1)]),
@@ -137,10 +122,6 @@ CHECKS = {
     "force for a while": Check(
         world(ball("a", 0, 0), pushes=[push(Load.FORCE, (1e5, 0), start=0.1003, end=0.3141)], **FREE),
         last("velocities", 0, 0), 1e5 * 0.2138 / 100, bars(1e-6, 1e-6, 1e-5, 1e-6),
-    ),
-    "torque for a while": Check(
-        world(ball("a", 0, 0), pushes=[push(Load.TORQUE, torque=1e6, start=0.2, end=0.7)], **FREE),
-        last("velocities", 0, 2), 25.0, bars(1e-6, 1e-6, 1e-5, 1e-6),
     ),
     "impulse off the centre": Check(
         world(box("a", 0, 0), pushes=[push(Load.IMPULSE, (0, 2e4), at=(10, 0))], **FREE),
@@ -214,13 +195,3 @@ def test_what_an_engine_cannot_say_is_refused(engine: str) -> None:
     if engine != "mujoco":
         refused(world(ball("a", 0, 0, rolling=0.1)), "rolling resistance")
     make(engine)(world(ball("a", 0, 0), press=GRAVITY, table=0.0), np.zeros(1))  # it does not rub
-
-
-def test_an_engine_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(InputError, match="choose from plain, box2d, mujoco"):
-        make("bullet")
-    monkeypatch.setattr(type(TABLE["mujoco"]), "installed", lambda self: False)
-    with pytest.raises(
-        InputError, match=r"needs mujoco-core, which is not installed; pip install \"physgen\[rivals\]\""
-    ):
-        make("mujoco")

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from runtime import gpu, main, read_runs
+from runtime import main, read_runs
 
 from physgen import environment
 from physgen.cli.main import main as physgen
@@ -103,33 +103,13 @@ def test_what_models_took_comes_from_the_scenes_assets(clips: Path) -> None:
     assert run.models == ("segment=sam3",)
 
 
-@pytest.mark.parametrize(
-    "stages",
-    [
-        {},
-        None,
-        {"a": {"wall": "x"}},
-        {"a": {"wall": float("nan"), "cpu": 0}},
-        [1],
-        {"a": {"wall": -1, "cpu": 0}},
-    ],
-)
-def test_manifests_without_times(tmp_path: Path, stages: Any, capsys: pytest.CaptureFixture[str]) -> None:
-    clip(tmp_path / "out" / "a", 1.0, stages=stages)
+def test_manifests_without_times(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    clip(tmp_path / "out" / "a", 1.0, stages={"a": {"wall": float("nan"), "cpu": 0}})
     assert main([str(tmp_path / "out")]) == 2
     assert "out/a/manifest.json: has no times of its stages; make the clip again" in capsys.readouterr().err
     clip(tmp_path / "out" / "b", 1.0)
     assert main([str(tmp_path / "out")]) == 0
     assert "out/a/manifest.json: warning: has no times of its stages" in capsys.readouterr().err
-
-
-def test_nothing_to_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for flags, wrong in (
-        ([tmp_path], "holds no clips"),
-        ([tmp_path / "no"], "is no folder"),
-    ):
-        assert main([*map(str, flags)]) == 2
-        assert wrong in capsys.readouterr().err
 
 
 def test_a_manifest_names_the_machine(tmp_path: Path) -> None:
@@ -143,15 +123,3 @@ def test_a_manifest_names_the_machine(tmp_path: Path) -> None:
     assert told["platform"]["cores"] >= 1
     (run,) = read_runs([tmp_path / "out"])
     assert run.machine == str(environment.this_machine())
-
-
-def test_without_its_drivers_program_there_is_no_gpu(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    gpu.cache_clear()
-    monkeypatch.setenv("PATH", str(tmp_path))
-    assert gpu() == ""
-    fake = tmp_path / "nvidia-smi"
-    fake.write_text("#!/bin/sh\necho 'NVIDIA A40, 46068 MiB'\n")
-    fake.chmod(0o755)
-    gpu.cache_clear()
-    assert gpu() == "NVIDIA A40, 46068 MiB"
-    gpu.cache_clear()
