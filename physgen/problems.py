@@ -154,14 +154,8 @@ class Limit(Enum):
     FRAMES = (100_000, "", "duration times fps times slow", "are too many", "at most {}", "an hour of video")
     POSES = (20_000_000, "", "samples times objects of one motion", "are too many to hold",
              "keep samples x objects below {}", "2 GB")  # fmt: skip
-    FILES = (
-        2_000,
-        "files",
-        "files of a pack",
-        "are over the {} of a pack",
-        "pack fewer variants",
-        "200 variants",
-    )
+    FILES = (2_000, "files", "files of a pack", "are over the {} of a pack", "pack fewer variants",
+             "200 variants")  # fmt: skip
     PICTURE = (800 * MIB, "MiB", "picture of a pack", "is larger than {}", "make it smaller",
                "100 megapixels of 4 channels of 16 bits, not compressed")  # fmt: skip
     PACK = (2048 * MIB, "GiB", "pack, and its files together", "is larger than {}", "make its photo smaller",

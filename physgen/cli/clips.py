@@ -14,7 +14,7 @@ from textwrap import indent
 from typing import TYPE_CHECKING, Any
 
 from physgen.cli.arguments import FORMATS, WRONG_INPUT, Parser, among, count, draws, labels, seed
-from physgen.cli.output import FAILED, OK, Bar, print_error, print_line
+from physgen.cli.output import FAILED, OK, Bar, print_backup, print_error, print_line
 from physgen.problems import InputError
 
 if TYPE_CHECKING:
@@ -308,10 +308,7 @@ def _write_gallery(index: Path, bar: Bar, tally: Tally) -> None:
     if tally.counts.total() > GALLERY_CLIPS:
         print_error(f"{index.parent}: too many clips for one gallery; physgen gallery shows parts of them")
     elif index.parent.is_dir():
-        message = f"{index}: was there already and differed; kept as "
-        write_gallery(
-            [index.parent], index, progress=bar.show, keep=lambda path: print_error(f"{message}{path.name}")
-        )
+        write_gallery([index.parent], index, progress=bar.show, keep=print_backup)
         bar.clear()
 
 
@@ -360,9 +357,7 @@ def cluster(text: str) -> str:
 def add_clips(parser: Parser) -> None:
     """Adds the flags of commands that render clips."""
     parser.option("--jobs", "N", count, "scenes rendered at a time; default: 1", 1)
-    about = (
-        "render on a Dask cluster: dask=tcp://HOST:8786 or dask=FILE.json, its scheduler; see docs/batches.md"
-    )
+    about = "render on a Dask cluster: dask=tcp://HOST:8786 or dask=FILE.json; see docs/batches.md"
     parser.option("--cluster", "WHERE", cluster, about)
     parser.option("--format", "LIST", among(FORMATS), "any of mp4,gif,webp,png; default: mp4", ["mp4"])
     about = (

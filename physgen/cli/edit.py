@@ -16,7 +16,6 @@ from physgen.cli.arguments import Command, Parser, whole
 from physgen.cli.output import OK, Bar, print_backup, print_error, print_line, print_problem
 from physgen.cli.perceive import add_backends
 from physgen.problems import InputError
-from physgen.text import quoted
 
 NEEDED = ("fastapi", "filelock", "uvicorn")
 SCENES = (".yaml", ".yml", ".physgen")
@@ -78,18 +77,15 @@ def edit_file(options: argparse.Namespace) -> int:
 
     path: Path = options.scene
     scene = Opened(path, options.allow_outside).scene()
-    options.objects = list(dict.fromkeys(named(scene, str(path), name).name for name in options.objects))
-    if options.command == "merge" and len(options.objects) < 2:
-        raise InputError.of(str(path), quoted(options.objects[0]), "is one object", "name two of them")
-    text, first = path.read_bytes().decode("utf-8-sig"), options.objects[0]
-    at = ["objects", first]
+    names = [named(scene, str(path), name).name for name in options.objects]
+    text, at = path.read_bytes().decode("utf-8-sig"), ["objects", names[0]]
     ops: dict[str, list[dict[str, Any]]] = {
         "rename": [{"rename": at, "to": getattr(options, "to", "")}],
-        "remove": [{"remove": ["objects", name]} for name in options.objects],
+        "remove": [{"remove": ["objects", name]} for name in dict.fromkeys(names)],
         "layer": [{"set": [*at, "layer"], "value": getattr(options, "layer", 0)}],
     }
     try:
-        merged = {"kind": "merge", "objects": options.objects}
+        merged = {"kind": "merge", "objects": names}
         is_merge = options.command == "merge"
         made: Any = correct(Live(path), text, merged) if is_merge else edited(text, ops[options.command])
     except EditError as error:

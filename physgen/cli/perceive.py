@@ -31,6 +31,8 @@ def perceive(options: argparse.Namespace) -> int:
     settings: dict[str, Any] = {
         "boxes": [coordinates("--box", text, 4) for text in options.box],
         "points": [coordinates("--point", text, 2) for text in options.point],
+        "labels": options.label,
+        "asked": options.find,
         "assets": options.assets,
         "crew": _crew(_plan(options)),
         "progress": bar.show,
@@ -44,18 +46,11 @@ def perceive(options: argparse.Namespace) -> int:
             raise InputError.of("perceive", "--refresh", "needs -o", fix)
         from physgen.pipeline.perceiving import refresh
 
-        settings |= {"allow_outside": options.allow_outside, "asked": options.find, "labels": options.label}
-        text = refresh(options.refresh, options.output, **settings)
+        text = refresh(options.refresh, options.output, allow_outside=options.allow_outside, **settings)
     elif not options.image:
         raise InputError.of("perceive", "", "was given no photo", "name one, or a scene: --refresh SCENE")
     else:
-        settings |= {
-            "masks": options.masks,
-            "side": options.side,
-            "labels": options.label,
-            "asked": options.find,
-            "still": options.still,
-        }
+        settings |= {"masks": options.masks, "side": options.side, "still": options.still}
         text = pipeline.perceive(options.image[0], options.output, inform=print_error, **settings)
     bar.clear()
     write_result(text, options.output)

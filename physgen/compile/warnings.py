@@ -53,6 +53,10 @@ class WarningLimits:
     The photo also shows a top, an inside or a rim nearer the lens."""
     thin: int = 5
     """px: threads and wires narrower than this need no shape."""
+    frames: int = 1800
+    """A minute of video at 30 a second: more is seldom meant."""
+    draws: float = 0.03
+    """s for a frame of 512 x 512 px and its files, about, on two cores of 2020."""
     support: float = 4.0
     """px below an object in which its support must lie; outlines and floors of photos are off by as much."""
 
@@ -68,7 +72,7 @@ SAMPLES = 32
 
 def lint(scene: Scene, compiled: Compiled, maps: Percepts | None = None) -> list[Problem]:
     """Every warning, sorted by place; those of the photo's maps where `maps` are given."""
-    rules = (_overlaps, _unsupported, _without_effect, _missed_masks, _views, _followed)
+    rules = (_overlaps, _unsupported, _without_effect, _missed_masks, _views, _followed, _long)
     found = [problem for rule in rules for problem in rule(scene, compiled)]
     return by_place([*found, *photo_differs(scene, compiled, maps)])
 
@@ -76,7 +80,7 @@ def lint(scene: Scene, compiled: Compiled, maps: Percepts | None = None) -> list
 def _without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     """What a reader would expect to change the clip, and does not."""
     motion = {item.name: item.motion for item in scene.objects}
-    above = scene.world.view is View.TOP
+    above, let_go = scene.world.view is View.TOP, "take it out, or write motion: dynamic"
     if scene.world.table_friction > 0 and not above:
         found, why = f"{scene.world.table_friction:g}", "has no effect seen from the side"
         yield warning(scene, "world.table.friction", found, why, "take it out, or write view: top")
@@ -86,7 +90,7 @@ def _without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
         sphere = body.radius is not None and body.solid is Solid.SPHERE
         if not dynamic and (any(item.velocity) or item.spin):
             key = "velocity" if any(item.velocity) else "spin"
-            yield warning(scene, f"{path}.{key}", key, fixed, "take it out, or write motion: dynamic")
+            yield warning(scene, f"{path}.{key}", key, fixed, let_go)
         if item.rolling > 0 and not (dynamic and (sphere if above else body.radius is not None)):
             why = fixed if not dynamic else f"has no effect: only {'spheres' if above else 'circles'} roll"
             yield warning(scene, f"{path}.rolling", f"{item.rolling:g}", why, "take it out")
@@ -96,8 +100,7 @@ def _without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     for k, force in enumerate(scene.forces):
         if motion[force.object] is not Motion.DYNAMIC:
             why = f"has no effect: the motion of {force.object} is {motion[force.object].value}"
-            fix = "take it out, or write motion: dynamic"
-            yield warning(scene, f"forces[{k}]", force.load.value, why, fix)
+            yield warning(scene, f"forces[{k}]", force.load.value, why, let_go)
         elif force.start >= scene.world.duration:
             why = f"begins after the end of the clip at {scene.world.duration:g} s"
             fix = "begin earlier or lengthen the duration"
@@ -105,24 +108,17 @@ def _without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     for joint in scene.joints:
         if all(motion[name] is not Motion.DYNAMIC for name in joint.objects):
             why = "has no effect: no object of it is dynamic"
-            yield warning(
-                scene, f"joints.{joint.name}", joint.name, why, "take it out, or write motion: dynamic"
-            )
+            yield warning(scene, f"joints.{joint.name}", joint.name, why, let_go)
     for field in scene.fields:
         if not any(motion[name] is Motion.DYNAMIC for name in field.objects or motion):
             why = "has no effect: no object of it is dynamic"
-            yield warning(
-                scene, f"fields.{field.name}", field.name, why, "take it out, or write motion: dynamic"
-            )
+            yield warning(scene, f"fields.{field.name}", field.name, why, let_go)
 
 
 def _followed(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     """Numbers that follow a label or a scale, where the file still has those for another."""
-    record, scale, fix = (
-        scene.record,
-        scene.world.pixels_per_meter,
-        "perceive --refresh SCENE -o NEW writes them",
-    )
+    record, scale = scene.record, scene.world.pixels_per_meter
+    fix = "perceive --refresh SCENE -o NEW writes them"
     stated = "world.pixels_per_meter" in scene.places
     if stated and record.scale is not None and not equal(record.scale, scale):
         why = f"is not the {record.scale:g} px/m that was perceived: masses, pushes and playback follow it"
@@ -132,15 +128,22 @@ def _followed(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     for item in scene.objects:
         was = record.entry(item.name, scene.document["objects"][item.name])
         if was.get("label", item.label) != item.label:
-            keys = [
-                key
-                for key in ("mass", "friction", "elasticity")
-                if key in item.provenance.keys() & was.keys()
-            ]
+            ours = item.provenance.keys() & was.keys()
+            keys = [key for key in ("mass", "friction", "elasticity") if key in ours]
             now = [f"{key} {getattr(item, key):g}" for key in keys if not equal(getattr(item, key), was[key])]
             if now:
                 why = f"is not what was perceived, and gives {', '.join(now)}"
                 yield warning(scene, f"objects.{item.name}.label", quoted(item.label), why, fix)
+
+
+def _long(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
+    """A clip of many frames, which takes long."""
+    frames, (width, height) = len(compiled.world.times), scene.video_size
+    if frames > LIMITS.frames:
+        minutes = frames * LIMITS.draws * max(width * height / 512**2, 1) / 60
+        why = f"makes {frames:,} frames, {frames / scene.render.fps / 60:.3g} min of video, in about {minutes:.2g} min"
+        fix = "write auto, which ends the clip after all rest, or try --preview first"
+        yield warning(scene, "world.duration", f"{scene.world.duration:g} s", why, fix)
 
 
 def _views(scene: Scene, compiled: Compiled) -> Iterator[Problem]:

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from functools import partial
 from typing import Annotated, Any, Literal
 
+import cv2
 import numpy as np
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
@@ -29,6 +30,7 @@ from physgen.perceive.segment.prompts import (
     segment_box,
     segment_point,
 )
+from physgen.pipeline.pushes import NEAR
 from physgen.pipeline.stages import Recent
 from physgen.problems import InputError, impossible
 from physgen.registry import Backends
@@ -194,7 +196,12 @@ def _merge(work: Correction, op: MergeOp) -> str:
     work.gone = other
     _, gone = replaced(dict(work.document), other, kept)
     work.ops = [{"merge": ["objects", other], "to": kept}]
-    return f"merge {other} into {kept}" + (f", without {' and '.join(gone)}" if gone else "")
+    away = cv2.distanceTransform((~work.mask(kept)).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    gap = away[work.mask(other)].min(initial=np.inf) - 1
+    what = f"merge {other} into {kept}" + (f", without {' and '.join(gone)}" if gone else "")
+    return what + (
+        f", {gap:.0f} px away: one rigid body now" if NEAR * max(away.shape) < gap < np.inf else ""
+    )
 
 
 def _split(work: Correction, op: SplitOp) -> str:

@@ -103,7 +103,7 @@ def begin(live: Live, text: str) -> Correction:
 
 def table_keys(was: Data) -> set[str]:
     """Keys of an object that the material table gave."""
-    return perceived_keys(was, registry.find("physics").name)
+    return perceived_keys(was, [registry.find("physics").name])
 
 
 def new_entry(

@@ -218,25 +218,21 @@ def refresh(
     objects = fit_objects(photo.rgb, begun.found)[0]
     called = {i: name for i, name in begun.found.object_names.items() if name in old["objects"]}
     named, renamed = relabel_objects(objects, options.labels, called)
-    labels = begun.found.names
-    side = max(scene.size)
-    record = scene.record
+    side, record = max(scene.size), scene.record
     scaled = follows_scale(old, record, side)
-    labels = {**labels, **{item.id: Name(item.label, 1.0) for item in named if item.id in renamed}}
+    labels = {**begun.found.names, **{item.id: Name(item.label, 1.0) for item in named if item.id in renamed}}
     layers = old_and_new.user_layers(old)
     layer_of = {i: layers[name] for i, name in called.items() if name in layers}
-    per_meter = scene.world.pixels_per_meter
     perceived = run(
         photo.rgb,
         replace(begun.found, names=labels, layers=layer_of),
         crew=crew,
         view=scene.world.view,
-        pixels_per_meter=None if scaled else per_meter,
+        pixels_per_meter=None if scaled else scene.world.pixels_per_meter,
         progress=progress,
     )
     new_labels = {called[item.id]: item.label for item in named if item.id in renamed}
-    doubtful: dict[str, Any] = {}
-    seen = perceived.document
+    seen, doubtful = perceived.document, dict[str, Any]()
     if maps is not None:
         labels_now, doubtful = old_and_new.kept_doubtful(old, maps.labels, perceived.percepts.labels)
         if old_and_new.same_objects(scene, maps.labels, labels_now):

@@ -63,7 +63,7 @@ TRIAL = _Trial()
 WORDS = {"right": (1, 0), "left": (-1, 0), "up": (0, -1), "down": (0, 1)}
 """Directions in image axes; two of them are joined by a hyphen: up-right."""
 NEAR = 0.05
-"""Of the picture's longer side, by which a kick may miss an object."""
+"""Of the picture's longer side, by which a kick may miss an object, and objects that are one be apart."""
 LARGEST = 1e9
 """Of the numbers of a shorthand."""
 

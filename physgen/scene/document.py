@@ -335,6 +335,10 @@ def _path(stack: list[Node], key: str | None) -> str:
     return dotted(tuple(parts))
 
 
+_OPEN = re.compile(r"""(?<=[:,\[{-] )(?:"[^"\n]*|'[^'\n]*)$""", re.MULTILINE)
+"""A quote that is opened and not closed in its line."""
+
+
 def _syntax(error: yaml.YAMLError, text: str, source: Source) -> Problem:
     """PyYAML's complaint as a Problem, in its own words less its pictures."""
     if isinstance(error, yaml.MarkedYAMLError):
@@ -343,6 +347,15 @@ def _syntax(error: yaml.YAMLError, text: str, source: Source) -> Problem:
         text_ = error.problem or error.context or "wrong YAML"
         if error.context and error.problem:
             text_ = f"{error.problem} {error.context}"
+        opened = (
+            [m.start() for m in _OPEN.finditer(text, 0, text.rfind("\n", 0, mark.index) + 1)] if mark else []
+        )
+        if "quoted scalar" in text_ and error.context_mark:
+            opened = [error.context_mark.index]
+        if opened:
+            text_ = "a quoted scalar begins here and does not end in its line"
+            line, column = text.count("\n", 0, opened[-1]) + 1, opened[-1] - text.rfind("\n", 0, opened[-1])
+            place = Place(source.name, line, column)
     else:
         position = min(getattr(error, "position", 0), len(text))
         found = re.search(r"[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", text)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from math import sqrt
 from pathlib import Path
@@ -122,10 +122,10 @@ def provenance(source: str, confidence: float) -> str:
     return f"{source} {round(confidence, 2):g}"
 
 
-def perceived_keys(was: Entry, source: str = "") -> set[str]:
-    """Keys of an object that its `from` names, but for label and mask; only those of `source` where it is given."""
+def perceived_keys(was: Entry, only: Collection[str] = ()) -> set[str]:
+    """Keys of an object that its `from` names, but for label and mask; those of `only` some sources, if any."""
     sources = was.get("from", {}) if isinstance(was.get("from", {}), Mapping) else {}
-    keys = {key for key, one in sources.items() if not source or str(one).split(" ")[0] == source}
+    keys = {key for key, one in sources.items() if not only or str(one).split(" ")[0] in only}
     return (keys | ({"solid"} if "mass" in keys else set())) - {"label", "mask"}
 
 
@@ -204,8 +204,8 @@ def followed(
     """Values that follow from labels and a scale that differ from those of the record, by path; and their record.
 
     What perception wrote follows, and what a user set stays: the scale where it is perception's, what the material
-    table gave, pushes and playback. `written` is the scene's data as it is written, `filled` in numbers with defaults;
-    `outlines` are those that are known, by object.
+    table gave, for another label what any backend gave, pushes and playback. `written` is the scene's data as it is
+    written, `filled` in numbers with defaults; `outlines` are those that are known, by object.
     """
     objects, side = filled["objects"], max(size)
     named = [name for name in outlines if "label" in written["objects"][name]]
@@ -233,7 +233,8 @@ def followed(
         listed = {"from": written["objects"][name].get("from", entry.get("from")) or {}}
         new, sources = _table_values(outlines[name], own["label"], per_meter, most)
         own = {"solid": entry.get("solid"), **own}  # which lies in the assets
-        keys = perceived_keys(listed, registry.find("physics").name) | ({"solid"} - objects[name].keys())
+        made_by = registry.names("physics") if name in renamed else [registry.find("physics").name]
+        keys = perceived_keys(listed, made_by) | ({"solid"} - objects[name].keys())
         keys -= {key for key in keys - {"solid"} if isinstance(written["objects"][name].get(key), str)}
         new = {
             key: new[key]

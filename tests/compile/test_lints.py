@@ -55,6 +55,9 @@ objects: {{a: {{shape: {BALL}, rolling: 0.1, motion: static}}}}""",
     "world.table.friction: 0.2 has no effect seen from the side; take it out, or write view: top": (
         "world: {table: {friction: 0.2}}\nobjects: {}"
     ),
+    "world.duration: 120 s makes 3,600 frames, 2 min of video, in about 1.8 min; write auto": (
+        "world: {duration: 2 min}\nobjects: {}"
+    ),
     "objects.a.velocity: velocity has no effect on an object whose motion is static; ": f"""\
 objects: {{a: {{shape: {BALL}, motion: static, velocity: [1, 0]}}}}""",
     "forces[0]: impulse has no effect: the motion of a is static; ": f"""\

@@ -73,6 +73,29 @@ def test_commands_edit_the_file(tmp_path: Path, capsys, monkeypatch: pytest.Monk
     assert "did you mean start?" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("gap", [10, 90])
+def test_a_merge_of_objects_far_apart_says_how_far(gap: int, tmp_path: Path, capsys) -> None:
+    labels = np.zeros((100, 200), np.uint8)
+    labels[40:80, 20:50], labels[40:80, 50 + gap : 80 + gap] = 1, 2
+    for name, picture in (("photo", labels * 60 + 40), ("masks", labels)):
+        cv2.imwrite(str(tmp_path / f"{name}.png"), cv2.merge([picture] * 3))
+    scene = tmp_path / "scene.yaml"
+    command = [
+        "perceive",
+        str(tmp_path / "photo.png"),
+        "--masks",
+        str(tmp_path / "masks.png"),
+        "-o",
+        str(scene),
+    ]
+    assert main([*command, "--label", "*=block", "--still"]) == 0
+    capsys.readouterr()
+    assert main(["merge", str(scene), *(item.name for item in pipeline.load(scene).objects)]) == 0
+    said = capsys.readouterr().err
+    assert (f", {gap} px away: one rigid body now" in said) is (gap > 10)
+    assert len(pipeline.load(scene).objects) == 1
+
+
 def test_a_merge_leaves_doubtful_regions_in_the_label_map(tmp_path: Path) -> None:
     labels = np.zeros((120, 160), np.uint8)
     labels[60:100, 20:50], labels[60:100, 50:80], labels[70:100, 110:140] = 1, 2, 3

@@ -193,6 +193,25 @@ def test_a_changed_label_or_scale_counts_at_once_as_after_a_refresh(
             assert getattr(one, key) == getattr(other, key), (one.name, key)
 
 
+def test_what_a_model_judged_follows_a_label_and_no_scale(scene: Path) -> None:
+    """A mass of `vlm` is that of the object that the label named; at another scale it is the same object."""
+    record = scene.parent / "scene.assets" / "perceived.json"
+    record.write_text(record.read_text().replace('"mass": "table 0.', '"mass": "vlm 0.'))
+    before = pipeline.load(scene).objects
+    assert all(item.provenance["mass"].startswith("vlm ") for item in before)
+    larger = pipeline.load(scene, ["world.pixels_per_meter=300"]).objects
+    assert [item.mass for item in larger] == [item.mass for item in before]
+    scene.write_text(scene.read_text().replace("label: ball", "label: steel ball", 1))
+    at_once, after = pipeline.load(scene).objects, refreshed(scene)[0].objects
+    changed = [k for k, item in enumerate(at_once) if item.label == "steel ball"]
+    assert changed != []
+    for k, (one, other) in enumerate(zip(at_once, after, strict=True)):
+        assert (one.mass > 3 * before[k].mass) is (k in changed)
+        if k in changed:
+            assert one.mass == pytest.approx(other.mass, rel=0.01)
+            assert one.provenance == other.provenance
+
+
 def test_masses_go_with_the_cube_of_the_scale_and_pushes_keep_their_pace(scene: Path) -> None:
     scene.write_text(scene.read_text().replace("label: ball", "label: steel ball"))
     large, small = (pipeline.load(scene, [f"world.pixels_per_meter={n}"]) for n in (300, 1200))
