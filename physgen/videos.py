@@ -18,7 +18,6 @@ from physgen.text import natural
 
 U8 = NDArray[np.uint8]
 Item = TypeVar("Item")
-Progress = Callable[[str, int, int], None]
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff", ".ppm", ".pgm", ".pnm")
 """Of pictures in a folder; other files are passed over."""
@@ -181,7 +180,7 @@ class Video:
     """(H, W, 3) sRGB each."""
 
 
-def read_video(path: Path, progress: Progress = lambda stage, done, total: None) -> Video:
+def read_video(path: Path) -> Video:
     """Decodes all frames once, to count and to check them. Raises InputError."""
     start, fps = _source(path)
     size = None
@@ -194,7 +193,6 @@ def read_video(path: Path, progress: Progress = lambda stage, done, total: None)
             fix = "make all frames the same size"
             raise InputError.of(frame.place, f"{width} x {height} px", expected, fix)
         seconds.append(frame.seconds)
-        progress("read", len(seconds), 0)
     if size is None:
         raise InputError.of(str(path), "", "has no frame", "name a video that shows something")
     timed = [s for s in seconds if s]

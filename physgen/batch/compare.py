@@ -155,10 +155,10 @@ def changed_environment(then: Mapping[str, str], now: Mapping[str, str]) -> Iter
             yield f"{name} is {quoted(now[name], '', 200)}, was {quoted(value, '', 200)}"
 
 
-def few(texts: Sequence[str], most: int = MAX_NAMED, separator: str = ", ") -> str:
+def few(texts: Sequence[str]) -> str:
     """The first ones, and the number of the others."""
-    more = len(texts) - most
-    return separator.join(texts[:most]) + (f" and {more} more" if more > 0 else "")
+    more = len(texts) - MAX_NAMED
+    return ", ".join(texts[:MAX_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
 def counted(count: int, noun: str) -> str:

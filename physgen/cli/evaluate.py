@@ -29,9 +29,10 @@ REFERENCE = "reference"
 """The other side of fid."""
 
 
-def add_output(parser: Parser, what: str = "write a page, and the result as JSON, in this folder") -> None:
+def add_output(parser: Parser) -> None:
     """The flag `-o`."""
-    parser.add_argument("-o", "--output", metavar="DIR", type=Path, help=what)
+    about = "write a page, and the result as JSON, in this folder"
+    parser.add_argument("-o", "--output", metavar="DIR", type=Path, help=about)
 
 
 def show(findings: Findings, options: argparse.Namespace) -> int:

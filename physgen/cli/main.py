@@ -121,7 +121,7 @@ def schema(options: argparse.Namespace) -> int:
 
 EVALUATE = Command(
     "evaluate",
-    "Measures the accuracy of physgen. Exit code 1 when a limit is missed.",
+    "Measures photos, clips and answers of raters against a truth or a reference of yours.",
     "physgen evaluate segmentation photos",
     add_evaluate,
     evaluate.evaluate,

@@ -139,9 +139,9 @@ def number(value: float | None, form: str = ".2f") -> str:
     return "-" if value is None else f"{value:{form}}"
 
 
-def interval(low: float | None, high: float | None, form: str = ".2f") -> str:
+def interval(low: float | None, high: float | None) -> str:
     """`[low, high]`, or "-"."""
-    return "-" if low is None or high is None else f"[{low:{form}}, {high:{form}}]"
+    return "-" if low is None or high is None else f"[{low:.2f}, {high:.2f}]"
 
 
 def _wrapped(sentences: Sequence[str]) -> list[str]:

@@ -171,10 +171,10 @@ def read_clip(path: Path) -> tuple[Video, float]:
     return clip, clip.fps
 
 
-def within(rgb: U8, side: int = SIDE) -> U8:
-    """(H, W, 3) sRGB with no side longer than `side` px."""
+def within(rgb: U8) -> U8:
+    """(H, W, 3) sRGB with no side longer than `SIDE` px."""
     high, wide = rgb.shape[:2]
-    part = side / max(high, wide)
+    part = SIDE / max(high, wide)
     if part >= 1:
         return rgb
     size = max(round(wide * part), 1), max(round(high * part), 1)

@@ -7,15 +7,15 @@ import json
 import os
 import posixpath
 import zipfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 from physgen.problems import InputError, Limit, Place, Problem
-from physgen.scene.document import Node, Source, children
+from physgen.scene.document import Node, children
 from physgen.scene.files import ASSETS, DATA, beside, read_scene, with_bases
 from physgen.scene.load import load, scene_name
-from physgen.scene.overlay import apply, edit_of_flag, edits_of_variant, variants_of
+from physgen.scene.overlay import apply, edits_of_variant, variants_of
 from physgen.scene.unpack import CONTENTS, VERSION, is_plain
 from physgen.text import shown
 
@@ -56,21 +56,16 @@ def pack_scene(path: str | os.PathLike[str]) -> bytes:
     return _written(file, next(iter(scenes)), scenes, files)
 
 
-def pictures_named(
-    root: Node, overrides: Sequence[str] = (), source: Source | None = None
-) -> Iterator[tuple[str, Node]]:
-    """Every `image` and `assets` of the scene, its variants and the flags: key and value."""
+def pictures_named(root: Node) -> Iterator[tuple[str, Node]]:
+    """Every `image` and `assets` of the scene and its variants: key and value."""
     trees = [root]
     for _, variant in variants_of(root):
         tree = root
         for edit in edits_of_variant(variant, ""):
             tree = apply(tree, edit)
         trees.append(tree)
-    flagged = root
-    for text in overrides:
-        flagged = apply(flagged, edit_of_flag(text, source or root.source))
     seen: set[Node] = set()
-    for tree in [*trees, flagged]:
+    for tree in trees:
         for key in ("image", "assets"):
             node = children(tree).get(key)
             if node is not None and node not in seen:
