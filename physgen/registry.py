@@ -530,7 +530,7 @@ def listing(plan: Plan | None = None) -> list[Mapping[str, Any]]:
     """One mapping a row: role, name, default, chosen, ready, missing, about.
 
     `chosen` rows are those of `plan`, `ready` ones would run now: nothing is in their list `missing`, which names
-    libraries, weights and settings with the way to get each. Nothing is imported or fetched.
+    libraries, weights and settings with the way to get each. No model is imported, and nothing is fetched.
     """
     plan = plan or Plan()
     rows: list[Mapping[str, Any]] = []
@@ -582,12 +582,13 @@ def weights_present(weights: str) -> bool:
 
 def in_hub_cache(weights: str) -> bool:
     """Whether any file of a hub id has been fetched before."""
-    return any((hub_cache() / f"models--{weights.replace('/', '--')}" / "snapshots").glob("*/*"))
+    return any((hub_folder(weights) / "snapshots").glob("*/*"))
 
 
-def hub_cache() -> Path:
-    """The cache folder of the hub's library, as `huggingface_hub.constants` finds it, without its import."""
-    get = os.environ.get
-    home = get("HF_HOME", os.path.join(get("XDG_CACHE_HOME", "~/.cache"), "huggingface"))
-    cache = get("HF_HUB_CACHE", get("HUGGINGFACE_HUB_CACHE", os.path.join(home, "hub")))
-    return Path(os.path.expandvars(os.path.expanduser(cache)))
+def hub_folder(weights: str) -> Path:
+    """The folder of a hub id in the cache of the hub's library; where that is not installed, one that is not there."""
+    try:
+        from huggingface_hub.constants import HF_HUB_CACHE
+    except ModuleNotFoundError:
+        return Path("/nowhere")
+    return Path(HF_HUB_CACHE) / f"models--{weights.replace('/', '--')}"

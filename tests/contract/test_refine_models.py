@@ -409,7 +409,6 @@ def test_the_record_tells_which_weights(tmp_path: Path, monkeypatch: pytest.Monk
     (home / "refs/main").write_text("5af5c01")
     from huggingface_hub import constants
 
-    monkeypatch.setenv("HF_HUB_CACHE", str(tmp_path / "hub"))
     monkeypatch.setattr(constants, "HF_HUB_CACHE", str(tmp_path / "hub"))
     cached = made("wan", "some/wan")
     assert cached.note()["revision"] == "5af5c01"

@@ -36,7 +36,7 @@ from physgen.perceive.backends.models import (
 from physgen.problems import InputError, Problem
 from physgen.refine.denoiser import F32, U8, Grid, PromptSettings
 from physgen.refine.latents import frames_held, latent_frames
-from physgen.registry import Options, Setup, hub_cache, read_options
+from physgen.registry import Options, Setup, hub_folder, read_options
 
 REFINE = Flag("--refine", "NAME:PATH")
 LIBRARIES = ("diffusers", "transformers")
@@ -83,7 +83,7 @@ def check_pipeline_class(weights: str, found: str, known: tuple[str, ...], what:
 
 def revision(weights: str) -> str:
     """Which weights exactly: the hub's commit; `""` of a folder."""
-    main = hub_cache() / f"models--{weights.replace('/', '--')}" / "refs" / "main"
+    main = hub_folder(weights) / "refs" / "main"
     return main.read_text(encoding="utf-8").strip() if main.is_file() else ""
 
 
