@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import structure
 
-LIMITS = {"lines": 50_191, "modules": 222, "constants": 378}
+LIMITS = {"lines": 50_186, "modules": 222, "constants": 378}
 """Of physgen/. They only go down; the design asks for 48,000 lines, 240 modules and 700 constants."""
 IDIOM = 60
 """Words that design and documents avoid, in physgen/, templates/, docs/ and README.md."""
