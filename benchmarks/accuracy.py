@@ -134,7 +134,7 @@ def properties(rows: Any) -> list[Row]:
     asked = ("Mass", "Order of friction", "Order of elasticity")
     command = "`python benchmarks/properties.py`"
     found = [sentence.split(" The paper: ") for sentence in told]
-    found[0][0] += " Label and size are given; whoever wrote the table knew what is asked."
+    found[0][0] += " Label and size are given; whoever wrote the material table knew what is asked."
     return [
         (what, here.removeprefix("Friction: ").removeprefix("Elasticity: "), there.rstrip("."), command)
         for what, (here, there) in zip(asked, found, strict=True)

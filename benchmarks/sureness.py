@@ -70,7 +70,7 @@ def tables(masses: list[dict]) -> list[str]:
         "",
         *table(
             [
-                "number of the table",
+                "number of the material table",
                 "sources with a range",
                 "half of it, a factor of",
                 "drawn at 0.4, a factor of",

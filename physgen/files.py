@@ -36,6 +36,13 @@ def resource(*parts: str) -> Path:
     raise FileNotFoundError(f"physgen was installed without {'/'.join(parts)}; install it again")
 
 
+def install(extra: str) -> str:
+    """The command that brings an extra, of a clone or of an installed physgen."""
+    root = _PACKAGE.parent
+    what = f'-e "{os.path.relpath(root)}' if (root / "pyproject.toml").is_file() else '"physgen'
+    return f'pip install {what}[{extra}]"'
+
+
 def cache_folder(environment: Mapping[str, str] = os.environ) -> Path:
     """Where results that can be made again are kept. Raises RuntimeError where there is no home folder."""
     home = environment.get("XDG_CACHE_HOME", "")

@@ -21,10 +21,10 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from physgen.files import install
 from physgen.problems import InputError, Place, Problem
 
 FLAG = Place("--backend")
-INSTALL = 'pip install "physgen[models]"'
 MAP_FILE = "file"
 """The name of the backends that read a map from a file."""
 
@@ -54,7 +54,7 @@ class Setup:
     dtype: str = "auto"
     """`auto`, `float32`, `float16`, `bfloat16`."""
     options: Mapping[str, Any] = field(default_factory=dict)
-    """The backend's table of `physgen.toml`, e.g. `[vlm]`."""
+    """The backend's section of `physgen.toml`, e.g. `[vlm]`."""
 
 
 Options = Mapping[str, tuple[Any, Mapping[str, Any]]]
@@ -62,7 +62,7 @@ Options = Mapping[str, tuple[Any, Mapping[str, Any]]]
 
 
 def read_options(setup: Setup, table: str, known: Options) -> dict[str, Any]:
-    """Every option of `[table]`, missing ones with their defaults. Raises InputError with every wrong one.
+    """Every option of the section `[table]`, missing ones with their defaults. Raises InputError with every wrong one.
 
     >>> read_options(Setup(options={"steps": 4}), "marigold", {"steps": (1, {"type": "integer"}), "seed": (0, {})})
     {'steps': 4, 'seed': 0}
@@ -172,7 +172,7 @@ def make(role: str, name: str | None = None, setup: Setup | None = None) -> Any:
 def _not_installed(row: Backend) -> Problem | None:
     if not (missing := row.missing()):
         return None
-    found, fix = f'{row.role}="{row.name}"', INSTALL
+    found, fix = f'{row.role}="{row.name}"', install("models")
     verb = "is" if len(missing) == 1 else "are"
     return Problem(FLAG, "", found, f"needs {', '.join(missing)}, which {verb} not installed", fix)
 
@@ -297,7 +297,7 @@ DEVICE = re.compile(r"auto|cpu|mps|cuda(:\d+)?")
 
 
 Configuration = tuple[Mapping[str, str], Mapping[str, Choice], Mapping[str, Mapping[str, Any]]]
-"""Checked content of a file: `profile`, `device`, `dtype`; choices by role; other tables, by backend."""
+"""Checked content of a file: `profile`, `device`, `dtype`; choices by role; other sections, by backend."""
 
 
 def load_plan(
@@ -555,7 +555,7 @@ def listing(plan: Plan | None = None) -> list[Mapping[str, Any]]:
 def _missing(row: Backend, named: str, options: Mapping[str, Any]) -> Iterator[str]:
     """What a row lacks here, with the fix; `named` are the weights, or the map, of its choice."""
     if modules := row.missing():
-        yield f"needs {', '.join(modules)}: {INSTALL}"
+        yield f"needs {', '.join(modules)}: {install('models')}"
     if row.name == MAP_FILE and not named:
         yield f"write {row.role}={row.name}:PATH"
     elif row.name == MAP_FILE and not Path(named).expanduser().is_file():

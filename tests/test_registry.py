@@ -10,6 +10,7 @@ import pytest
 
 from physgen import registry
 from physgen.cli.perceive import listing_lines
+from physgen.files import install
 from physgen.problems import InputError
 from physgen.registry import (
     Backend,
@@ -212,8 +213,8 @@ def test_missing_libraries_are_reported_before_anything_runs(monkeypatch: pytest
     with pytest.raises(InputError) as error:
         Backends(Plan(choices(["segment=far", "depth=far"])))
     assert len(error.value.problems) == 2
-    assert 'needs no_such_module, which is not installed; pip install "physgen[models]"' in str(error.value)
-    assert listing()[-1]["missing"][0] == 'needs no_such_module: pip install "physgen[models]"'
+    assert f"needs no_such_module, which is not installed; {install('models')}" in str(error.value)
+    assert listing()[-1]["missing"][0] == f"needs no_such_module: {install('models')}"
 
 
 def missing(setting: str) -> list[str]:

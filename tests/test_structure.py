@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+import re
+import shlex
+import tomllib
+from pathlib import Path
+
 import pytest
 import structure
+
+from physgen.files import install
 
 LIMITS = {"lines": 50_186, "modules": 222, "constants": 378}
 """Of physgen/. They only go down; the design asks for 48,000 lines, 240 modules and 700 constants."""
@@ -40,3 +47,19 @@ def test_a_long_and_a_wide_function_are_found(tmp_path) -> None:
     (found,) = structure.packages(folder).values()
     counts = [found.modules, found.functions, found.constants, len(found.long), len(found.wide)]
     assert counts == [1] * 5
+
+
+def test_a_clone_is_told_to_install_its_own_extras(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """From any folder the path in the command leads to the clone, whose pyproject.toml has each extra that is named."""
+    extras = tomllib.loads((structure.ROOT / "pyproject.toml").read_text())["project"][
+        "optional-dependencies"
+    ]
+    texts = [path.read_text() for path in (structure.ROOT / "physgen").rglob("*.py")]
+    named = {extra for text in texts for extra in re.findall(r"""install\(["'](\w+)""", text)}
+    assert named <= set(extras)
+    assert len(named) >= 4
+    for folder in (structure.ROOT, tmp_path):
+        monkeypatch.chdir(folder)
+        *_, editable, what = shlex.split(install("edit"))
+        assert editable == "-e"
+        assert Path(what.removesuffix("[edit]")).resolve() == structure.ROOT

@@ -53,6 +53,8 @@ def test_the_wheel_renders(tmp_path: Path) -> None:
     elsewhere.mkdir()
     where = run(home / "bin" / "python", "-c", "import physgen; print(physgen.__file__)", cwd=elsewhere)
     assert Path(where.strip()).is_relative_to(home)
+    code = "from physgen.files import install; print(install('edit'))"
+    assert run(home / "bin" / "python", "-c", code, cwd=elsewhere) == 'pip install "physgen[edit]"\n'
     (elsewhere / "ball.yaml").write_text(
         "physgen: 1\nsize: [64, 48]\nworld: {duration: 0.1}\n"
         "objects: {a: {shape: {circle: {center: [30, 20], radius: 8}}}}\n"

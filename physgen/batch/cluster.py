@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from physgen.batch.resume import CODE
 from physgen.batch.run import MANIFEST, Done, Job, failed, run
 from physgen.batch.workers import AHEAD, LostError
+from physgen.files import install
 from physgen.pipeline.cache_keys import code_version
 from physgen.problems import InputError
 from physgen.report.record import versions
@@ -29,7 +30,6 @@ TIMEOUT = 10.0
 """s in which a scheduler must answer."""
 NO_WORKER_NOTICE = 10.0
 """s without any worker after which that is reported."""
-INSTALL = "pip install 'physgen[cluster]'"
 CLOSE_TIMEOUT = 1.0
 """s in which the client must close."""
 SAME_VERSIONS = "install the same on both"
@@ -168,7 +168,7 @@ def _connected(where: str) -> Iterator[Client]:
         from distributed import Client
     except ImportError:
         found = "needs Dask, which is not installed"
-        raise InputError.of("--cluster", f'"{where}"', found, INSTALL) from None
+        raise InputError.of("--cluster", f'"{where}"', found, install("cluster")) from None
     address = os.path.expanduser(where.removeprefix("dask="))
     with _quiet(), dask.config.set(DASK_SETTINGS):
         is_file = address.endswith(".json")

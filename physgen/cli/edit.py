@@ -15,6 +15,7 @@ from typing import Any
 from physgen.cli.arguments import Command, Parser, whole
 from physgen.cli.output import OK, Bar, print_backup, print_error, print_line, print_problem
 from physgen.cli.perceive import add_backends
+from physgen.files import install
 from physgen.problems import InputError
 
 NEEDED = ("fastapi", "filelock", "uvicorn")
@@ -25,7 +26,7 @@ LOOPBACK = ("127.0.0.1", "::1", "localhost")
 def edit(options: argparse.Namespace) -> int:
     if missing := [name for name in NEEDED if find_spec(name) is None]:
         what = f"needs {' and '.join(missing)}, not installed here"
-        raise InputError.of("physgen edit", "", what, 'pip install "physgen[edit]"')
+        raise InputError.of("physgen edit", "", what, install("edit"))
     if options.output.exists() and not options.output.is_dir():
         raise InputError.of(str(options.output), "", "is a file", "name a folder with -o")
     scene, host = _scene(options), options.host.strip() or LOOPBACK[0]

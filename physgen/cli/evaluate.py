@@ -20,6 +20,7 @@ from physgen.cli.output import (
     print_problem,
     print_problems,
 )
+from physgen.files import install
 from physgen.problems import InputError, Problem
 
 if TYPE_CHECKING:
@@ -129,7 +130,7 @@ def run_fid(options: argparse.Namespace) -> int:
         except InputError as error:
             problems += error.problems
         except ModuleNotFoundError as error:
-            found, fix = f"needs {error.name}, which is not installed", 'pip install "physgen[models]"'
+            found, fix = f"needs {error.name}, which is not installed", install("models")
             problems += InputError.of("--inception", "", found, fix).problems
     if problems:
         raise InputError(dict.fromkeys(problems))

@@ -34,9 +34,7 @@ def gallery(options: argparse.Namespace) -> int:
 def add(parser: Parser) -> None:
     about = "folders of rendered clips, at any depth"
     parser.add_argument("folders", metavar="DIR", type=Path, nargs="+", help=about)
-    about = (
-        "write the page here, pictures beside it; default: index.html in DIR, or in this folder for several"
-    )
+    about = "write the page here, pictures beside it; default: index.html in DIR, or here for several"
     parser.option("-o --output", "FILE", Path, about)
     parser.option("--title", "TEXT", str, "title of the page; default: the names of the folders")
     parser.flag("--json", "print what was written as JSON")

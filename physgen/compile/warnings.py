@@ -95,7 +95,7 @@ def _without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
             why = fixed if not dynamic else f"has no effect: only {'spheres' if above else 'circles'} roll"
             yield warning(scene, f"{path}.rolling", f"{item.rolling:g}", why, "take it out")
         if item.roll != "natural" and not (dynamic and sphere and above and scene.world.table_friction > 0):
-            why = "has no effect: only dynamic spheres on a table with friction roll"
+            why = "has no effect: only dynamic spheres on a tabletop with friction roll"
             yield warning(scene, f"{path}.roll", "roll", why, "take it out")
     for k, force in enumerate(scene.forces):
         if motion[force.object] is not Motion.DYNAMIC:

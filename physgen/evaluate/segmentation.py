@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from physgen import registry
 from physgen.evaluate.measure import Findings, Progress, Section, Table, number
+from physgen.files import install
 from physgen.maps import read_labels
 from physgen.perceive.roles import Segment, Segments
 from physgen.photos import read_photo
@@ -54,7 +55,7 @@ def require_pycocotools() -> None:
     try:
         import pycocotools.cocoeval  # noqa: F401
     except ModuleNotFoundError as error:
-        found, fix = f"needs {error.name}, which is not installed", 'pip install "physgen[labels]"'
+        found, fix = f"needs {error.name}, which is not installed", install("labels")
         raise InputError.of("evaluate segmentation", "", found, fix) from None
 
 

@@ -18,6 +18,7 @@ from physgen.export.mot import Mot
 from physgen.export.physics import Physics
 from physgen.export.tapvid import Tapvid
 from physgen.export.trajectory import TrajectoryTables
+from physgen.files import install
 from physgen.maps import Percepts
 from physgen.problems import InputError, Problem
 from physgen.scene.scene import Scene
@@ -76,7 +77,7 @@ def chosen_formats(names: Sequence[str], flag: str = FLAG, written: bool = True)
             fix = f'did you mean "{close}"?' if close else f"write any of {listed(list(known))}"
             problems += InputError.of(flag, f'"{name}"', "is no format", fix).problems
         elif written and kind.library and find_spec(kind.library) is None:
-            what, fix = f"needs {kind.library}, which is not installed", 'pip install "physgen[labels]"'
+            what, fix = f"needs {kind.library}, which is not installed", install("labels")
             problems += InputError.of(flag, f'"{name}"', what, fix).problems
     if problems:
         raise InputError(problems)

@@ -150,7 +150,7 @@ def unknown_label(label: str) -> Problem | None:
     )
     close = next((match for match in matches if match), None)
     fix = f"did you mean {close[0]}?" if close else "name a material, too, as in: wooden spoon"
-    expected = "is no object or material that the table has"
+    expected = "is no object or material of the material table"
     return Problem(Place("--label"), "", f'"{label}"', expected, fix, Severity.WARNING)
 
 

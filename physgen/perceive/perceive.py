@@ -208,10 +208,8 @@ class _Run:
     ) -> document.Names:
         """Labels the objects."""
         # a model does not label objects that have labels; the core's labels let a refresh see which names they made
-        nameless = (
-            [t for t in objects if t.id not in found.names] if self.crew.row("label").extra else objects
-        )
-        guessed: Mapping[int, Name] = self.role("label", self.rgb, found.labels, nameless) if nameless else {}
+        unnamed = [t for t in objects if t.id not in found.names] if self.crew.row("label").extra else objects
+        guessed: Mapping[int, Name] = self.role("label", self.rgb, found.labels, unnamed) if unnamed else {}
         named = {**guessed, **found.names}
         source = {t.id: found.named_by if t.id in found.names else self.crew.name("label") for t in objects}
         if found.object_names:  # an existing scene has the sources of its labels

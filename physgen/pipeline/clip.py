@@ -366,9 +366,7 @@ class _Run:
 
         scene, compiled, options = self.scene, self.film.compiled, self.options
         if not uncertain_values(scene, options.variant):
-            fix = (
-                'write the source and confidence of a number, e.g. from: {mass: "by eye 0.6"}; perceive does'
-            )
+            fix = 'write the source and confidence of a number: from: {mass: "by eye 0.6"}; perceive does'
             what, found = (
                 "so every draw would be the same and none is made",
                 "nothing in the scene is uncertain,",

@@ -227,11 +227,9 @@ def _perceived_pushes(scene: Scene) -> list[str]:
     found = []
     for item in scene.objects:
         wrote = scene.record.entry(item.name, scene.document["objects"][item.name]).get("velocity")
-        speeds = (
-            [quantity(str(part), "px/s", now) or 0.0 for part in wrote] if isinstance(wrote, list) else []
-        )
-        ways = [[factor * part for part in speeds] for factor in (1, followed)]
-        if any(speeds) and any(equal(item.velocity, way, TRIAL.written * hypot(*way)) for way in ways):
+        speed = [quantity(str(part), "px/s", now) or 0.0 for part in wrote] if isinstance(wrote, list) else []
+        ways = [[factor * part for part in speed] for factor in (1, followed)]
+        if any(speed) and any(equal(item.velocity, way, TRIAL.written * hypot(*way)) for way in ways):
             found.append(item.name)
     return found
 

@@ -279,7 +279,7 @@ class Refinement:
     def _too_large(self) -> Problem:
         width, height = self._fit.padded
         found = f"{self._latents} latent frames of {width} x {height} px"
-        fix = "write a smaller resolution in the backend's table of physgen.toml, or refine fewer frames"
+        fix = "write a smaller resolution in the backend's section of physgen.toml, or refine fewer frames"
         return Problem(Place("refine"), "", found, "do not fit into the memory of the device", fix)
 
     def note(self) -> Mapping[str, Any]:

@@ -347,9 +347,8 @@ def _syntax(error: yaml.YAMLError, text: str, source: Source) -> Problem:
         text_ = error.problem or error.context or "wrong YAML"
         if error.context and error.problem:
             text_ = f"{error.problem} {error.context}"
-        opened = (
-            [m.start() for m in _OPEN.finditer(text, 0, text.rfind("\n", 0, mark.index) + 1)] if mark else []
-        )
+        before = text.rfind("\n", 0, mark.index) + 1 if mark else 0
+        opened = [m.start() for m in _OPEN.finditer(text, 0, before)]
         if "quoted scalar" in text_ and error.context_mark:
             opened = [error.context_mark.index]
         if opened:

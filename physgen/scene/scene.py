@@ -445,7 +445,7 @@ class Refine:
 
 
 class View(Enum):
-    """`SIDE`: gravity points down the photo. `TOP`: seen from above, gravity presses on the table."""
+    """`SIDE`: gravity points down the photo. `TOP`: seen from above, gravity presses on the tabletop."""
 
     SIDE = "side"
     TOP = "top"

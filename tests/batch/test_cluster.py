@@ -20,6 +20,7 @@ from physgen.batch import cluster
 from physgen.batch.cluster import run_on_cluster
 from physgen.batch.run import Done, Job, State
 from physgen.cli.main import main
+from physgen.files import install
 from physgen.pipeline import Page, RenderOptions
 from physgen.problems import InputError
 
@@ -214,7 +215,7 @@ def test_what_is_no_cluster_is_told(lesson: Path, capsys, monkeypatch) -> None:
     assert "daks is not dask=tcp://HOST:PORT or dask=FILE.json" in capsys.readouterr().err
     monkeypatch.setitem(sys.modules, "distributed", None)
     assert said("--cluster", "dask=a.json") == (
-        "--cluster: \"dask=a.json\" needs Dask, which is not installed; pip install 'physgen[cluster]'\n"
+        f'--cluster: "dask=a.json" needs Dask, which is not installed; {install("cluster")}\n'
     )
     assert not (lesson.parent / "out").exists()
 

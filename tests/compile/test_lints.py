@@ -50,7 +50,7 @@ objects: {{a: {{shape: {BOX}, rolling: 0.1}}}}""",
 {CLOTH}objects: {{a: {{shape: {BALL}, rolling: 0.1}}}}""",
     "objects.a.rolling: 0.1 has no effect on an object whose motion is static; ": f"""\
 objects: {{a: {{shape: {BALL}, rolling: 0.1, motion: static}}}}""",
-    "objects.a.roll: roll has no effect: only dynamic spheres on a table with friction roll; take it out": f"""\
+    "objects.a.roll: roll has no effect: only dynamic spheres on a tabletop with friction roll; take it out": f"""\
 {TOP}objects: {{a: {{shape: {BALL}, solid: sphere, roll: none}}}}""",
     "world.table.friction: 0.2 has no effect seen from the side; take it out, or write view: top": (
         "world: {table: {friction: 0.2}}\nobjects: {}"

@@ -19,6 +19,7 @@ from served import Killable, Served
 from physgen.cli.edit import edit as _edit  # noqa: F401 the command imports without the server
 from physgen.cli.main import main
 from physgen.edit.session import EditRequest, Session
+from physgen.files import install
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -272,7 +273,7 @@ def test_without_the_extra_one_line_says_how_to_get_it(tmp_path, monkeypatch, ca
     assert main(["edit", str(scene), "--no-browser"]) == 2
     err = capsys.readouterr().err
     assert err.count("\n") == 1
-    assert 'pip install "physgen[edit]"' in err
+    assert install("edit") in err
 
 
 def test_the_same_scene_again_shows_the_editor_that_has_it(serving: Serve, capsys) -> None:

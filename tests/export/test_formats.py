@@ -9,6 +9,7 @@ from physgen.cli.export import NAMES
 from physgen.cli.main import main
 from physgen.export import formats
 from physgen.export.formats import FORMATS
+from physgen.files import install
 
 
 def crowd(count: int) -> str:
@@ -34,7 +35,7 @@ def test_without_pycocotools(tmp_path, capsys, monkeypatch) -> None:
     monkeypatch.setattr(formats, "find_spec", lambda name: None)
     assert main(["export", str(hall(tmp_path)), "--format", "coco,mot", "-o", str(tmp_path / "out")]) == 2
     said = capsys.readouterr().err
-    assert '"coco" needs pycocotools, which is not installed; pip install "physgen[labels]"' in said
+    assert f'"coco" needs pycocotools, which is not installed; {install("labels")}' in said
     assert not (tmp_path / "out").exists()
 
 

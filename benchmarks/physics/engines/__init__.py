@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import World
+from physgen.files import install
 from physgen.problems import InputError
 from physgen.simulate.trajectory import Trajectory
 
@@ -20,7 +21,6 @@ from .stepping import Unsupported
 __all__ = ["ENGINES", "Engine", "Unsupported", "make"]
 
 Run = Callable[[World, NDArray[np.float64]], Trajectory]
-INSTALL = 'pip install "physgen[rivals]"'
 
 
 @dataclass(frozen=True)
@@ -67,6 +67,6 @@ def make(name: str) -> Run:
     engine = ENGINES[name]
     if not engine.installed():
         found = f"needs {engine.package}, which is not installed"
-        raise InputError.of("engine", f'"{name}"', found, INSTALL)
+        raise InputError.of("engine", f'"{name}"', found, install("rivals"))
     run: Run = importlib.import_module(f".{engine.module}", __name__).run
     return run

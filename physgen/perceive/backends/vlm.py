@@ -293,9 +293,7 @@ class _Role:
         """One message: the failure, the server and model, and the fix; never the key."""
         about = f"{self._where} (model {self._model}), asked for {self.role} of {query.about},"
         what = what.replace(self._key, "***") if self._key else what
-        fix = (
-            f"check {URL} (mostly ending in /v1), {MODEL} (one that takes pictures), {KEY} and [vlm] timeout"
-        )
+        fix = f"check {URL} (mostly with /v1), {MODEL} (one that takes pictures), {KEY} and [vlm] timeout"
         raise InputError.of("--backend", about, what, fix) from None
 
     def _cache_file(self, query: Query) -> Path:

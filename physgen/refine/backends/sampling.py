@@ -171,7 +171,7 @@ OPTIONS: Options = {
     "resolution": (None, {"type": "integer", "minimum": 16}),
     "window": (None, {"type": "integer", "minimum": 1}),
 }
-"""Each backend's table of physgen.toml.
+"""Each backend's section of physgen.toml.
 
 `resolution`: px, the side of the square whose area the model is shown at most; `window`: frames that it sees at a
 time; both as it was trained if left out.
