@@ -420,10 +420,15 @@ def _pictures(stage: Stage, balls: BallSprites, stands: Sequence[SpritePose]) ->
     """What the picture shows of sprites as they stand, the farthest first."""
     there = [(stand, stand.where) for stand in stands if stand.where is not None]
     together = balls.drawn(((stand.k, where) for stand, where in there), stage.supersample)
+    count = max((max(sprite.body + 1, sprite.hiders) for sprite in stage.sprites), default=0)
+    left = np.zeros(count + 1, np.float32)
+    for stand, where in there:
+        left[stage.sprites[stand.k].body + 1] = 1 if where.own is not None else where.rest
+    left[0] = 1
     for stand, where in there:
         sprite = stage.sprites[stand.k]
         light, coverage = together.get(stand.k) or draw_sprite(sprite, where, stage.supersample)
-        yield Picture(stand, where, light, coverage, draw_border(sprite, where))
+        yield Picture(stand, where, light, coverage, draw_border(sprite, where, left))
 
 
 def _figures(stage: Stage, pictures: Sequence[Picture]) -> Mapping[int, Silhouette]:

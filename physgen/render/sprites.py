@@ -79,14 +79,18 @@ class SpriteTuning:
     """Of the photo's longer side: how far around an object its blurred rim may reach."""
     unseen: float = 1e-4
     """Of linear light: less is no difference from the photo."""
-    hidden: float = 0.003
-    """Of an object's shape, from which on a hidden part is completed."""
+    touching: int = 4
+    """px from an object's pixels up to which another one touches it."""
     seen: float = 0.2
     """Of an object's mask that must lie apart from others, for their rims to be left out of what is continued."""
     covered: float = 0.2
     """Share of light that objects in front let through, below which all that a pixel shows is theirs."""
     beside: float = 0.35
     """Of an object's size (root of its mask's area): how far what the lens sees of it may lie beside its shape."""
+    face: float = 0.35
+    """Of that: how far above its shape a face of it that is seen on one side only."""
+    flat: float = 2.0
+    """px by which the top of a shape may rise and be level."""
     texture: float = 3.0
     """px: what is finer is texture, what is coarser is shading."""
     glint: float = 2.0
@@ -188,7 +192,7 @@ class Sprite:
     relief: Relief | None = None
     """Of what is no ball: the normals that turn with it, where they are known."""
     hider: NDArray[np.int32] | None = None
-    """(h, w): 1 + the body that hid or darkened what was completed here; 0: nothing was."""
+    """(h, w): 1 + the body that touches the object here in the photo; as it goes, so does `rest`. 0: none."""
 
     @cached_property
     def hull(self) -> list[tuple[float, float]]:
@@ -204,6 +208,11 @@ class Sprite:
         pairs = np.stack([across, np.roll(across, -1, axis=0)], axis=1)
         corners = np.linalg.solve(pairs, np.stack([far, np.roll(far, -1)], axis=1)[..., None])[..., 0]
         return [(x + self.corner[0], y + self.corner[1]) for x, y in corners.tolist()]
+
+    @cached_property
+    def hiders(self) -> int:
+        """1 + the last body in `hider`; 0 without."""
+        return 0 if self.hider is None else int(self.hider.max())
 
     @cached_property
     def fine(self) -> F32:
@@ -265,16 +274,21 @@ def cut_sprites(
         alpha = np.where(soft > CUT.least, coverage[box] * share, 0.0).astype(np.float32)
         alpha[(labels[box] == k + 1) & (alpha > 0.995)] = 1.0
         light = _foreground(photo[box], behind[box], labels[box] == k + 1, alpha, share)
-        hider = None
-        if k in hidden:
-            light, alpha, hider = _completed(photo[box], labels[box] == k + 1, light, alpha, hidden[k])
+        mine = labels[box] == k + 1
+        others = np.where(mine, 0, labels[box]).astype(np.int32)
+        touching = _nearest(others, np.zeros_like(mine), CUT.touching)
+        if touching.any():
+            part = hidden.get(k) or _Hidden(
+                boxes[k + 1], labels[box], np.zeros_like(alpha), ~mine & mine, others > 0
+            )
+            light, alpha = _completed(photo[box], mine, light, alpha, coverage[box], part)
         sprites.append(
             Sprite(
                 body=k,
                 corner=(x0 - MARGIN, y0 - MARGIN),
                 light=np.pad(light.astype(np.float32), (*around, (0, 0))),
                 coverage=np.pad(alpha, around),
-                hider=None if hider is None else np.pad(hider, around),
+                hider=np.pad(touching, around) if touching.any() else None,
             )
         )
     return anchored(sprites, photo, behind, absent)
@@ -310,25 +324,31 @@ def _hidden(labels: U16, absent: Mask, k: int, shape: Outline, box: PixelBox) ->
     # a rim or a face that the lens sees beside the shape goes on behind what stands before its middle
     reach = CUT.beside * np.count_nonzero(mine) ** 0.5
     near = cv2.distanceTransform((cover < 0.5).astype(np.uint8), cv2.DIST_L2, 3) <= reach
-    cover = np.maximum(cover, (near & by & _between(mine, by)).astype(np.float32))
-    hole = ((cover >= 0.5) & ~mine & dilate(by, CUT.clean)).astype(np.uint8)
-    core = cv2.morphologyEx(hole, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-    if not core.any() or core.sum() < CUT.hidden * cover.sum():
-        return None
-    return _Hidden((x0, y0, x1, y1), part, cover, dilate(core > 0, 1) & (hole > 0), by)
+    both = near & np.logical_and(*_beside(mine, by))
+    solid = cover >= 0.5
+    tops = solid.argmax(axis=0)[solid.any(axis=0)]
+    if (
+        np.ptp(np.percentile(tops, (10, 90))) <= CUT.flat
+    ):  # above a level top: a face of it, seen on either side
+        tall = np.ones((2 * round(CUT.face * reach) + 1, 1), np.uint8)
+        over = cv2.dilate(solid.astype(np.uint8), tall) > 0
+        both |= over & np.logical_or(*_beside(mine & ~solid, by))
+    cover = np.maximum(cover, (by & both).astype(np.float32))
+    hole = (cover >= 0.5) & by
+    return _Hidden((x0, y0, x1, y1), part, cover, hole, by) if hole.any() else None
 
 
-def _between(mine: Mask, by: Mask) -> Mask:
-    """(h, w): pixels of rows with an object's own on both sides, and nothing but others in between."""
-    x = np.arange(1, mine.shape[1] + 1)
-    found = np.ones(mine.shape, bool)
+def _beside(own: Mask, by: Mask) -> tuple[Mask, Mask]:
+    """(h, w): pixels to the right, and to the left, of an object's `own` in their row; none but others are between."""
+    x = np.arange(1, own.shape[1] + 1)
+    sides = []
     for step in (1, -1):
-        own, open_ = (
+        last, open_ = (
             np.maximum.accumulate(np.where(part[:, ::step], x, 0), axis=1)[:, ::step]
-            for part in (mine, ~mine & ~by)
+            for part in (own, ~by & ~own)
         )
-        found &= own > open_
-    return found
+        sides.append(last > open_)
+    return sides[0], sides[1]
 
 
 def _hiding_last(order: Sequence[int], hidden: Mapping[int, _Hidden], layers: Sequence[int]) -> list[int]:
@@ -353,10 +373,12 @@ def _hiding_last(order: Sequence[int], hidden: Mapping[int, _Hidden], layers: Se
 
 
 def _completed(
-    photo: F32, mask: Mask, light: F32, alpha: F32, part: _Hidden
-) -> tuple[F32, F32, NDArray[np.int32]]:
-    """Light (h, w, 3) and coverage (h, w) with the hidden part: shading goes on smoothly, texture is mirrored; and
-    `Sprite.hider`."""
+    photo: F32, mask: Mask, light: F32, alpha: F32, together: F32, part: _Hidden
+) -> tuple[F32, F32]:
+    """Light (h, w, 3) and coverage (h, w) with the hidden part, and with a rim that others do not darken.
+
+    The coverage is at most that of all objects, `together` (h, w). Shading goes on smoothly, texture is mirrored.
+    """
     sure = mask & ~dilate(part.by, CUT.clean + 1)
     if np.count_nonzero(sure) < CUT.seen * np.count_nonzero(mask):
         sure = mask
@@ -379,11 +401,9 @@ def _completed(
     filled = np.maximum(np.exp(smooth) - np.float32(CUT.dark), 0)
     zone = dilate(part.hole, CUT.clean + 1)
     edge = np.clip(2 * _soft(mask | (part.shape >= 0.5)) - 0.5, 0, 1)
-    cover = np.where(zone, np.maximum(alpha, edge), alpha).astype(np.float32)
-    anew = zone & ~sure
-    light = np.where(anew[..., None], filled * cover[..., None], light).astype(np.float32)
-    hider = _nearest(np.where(part.by, part.labels, 0).astype(np.int32), np.zeros_like(mask), max(mask.shape))
-    return light, cover, np.where(anew, hider, 0).astype(np.int32)
+    cover = np.where(zone, np.maximum(alpha, np.minimum(edge, together)), alpha).astype(np.float32)
+    anew = ((zone | (mask & dilate(part.by, CUT.clean))) & ~sure)[..., None]
+    return np.asarray(np.where(anew, filled * cover[..., None], light), np.float32), cover
 
 
 def anchored(
@@ -411,12 +431,6 @@ def anchored(
         top[place][ahead], most[place][ahead] = number, alpha[ahead]
         last[place][alpha > 0] = number
         places.append(place)
-    numbers = {sprite.body + 1: number for number, sprite in enumerate(sprites, 1)}
-    for sprite, inside, place in zip(sprites, insides, places, strict=True):
-        if sprite.hider is not None:
-            hider = sprite.hider[inside]
-            for body in np.unique(hider[hider > 0]).tolist():
-                top[place][hider == body] = numbers.get(body, 0)
     through = _seen_through(sprites, insides, places, top)
     covered = through < CUT.covered
     top[covered], through[covered] = last[covered], 1

@@ -145,12 +145,18 @@ def draw_sprite(sprite: Sprite, where: Placement, fine: int = 1) -> tuple[F32, F
     return light, coverage
 
 
-def draw_border(sprite: Sprite, where: Placement) -> tuple[Slices, F32] | None:
-    """A box and (h, w, 3) the share of `Sprite.rest` that still shows there; None: nothing."""
+def draw_border(sprite: Sprite, where: Placement, left: NDArray[np.float32]) -> tuple[Slices, F32] | None:
+    """A box and (h, w, 3) the share of `Sprite.rest` that still shows there; None: nothing.
+
+    `left` (N + 1,) from 1 on: of each body, the share of its own; 0: without any.
+    """
     if sprite.rest is None:
         return None
     if where.own is not None:
-        return where.box, sprite.rest[where.own]
+        rest = sprite.rest[where.own]
+        if sprite.hider is not None and (left[sprite.hider[where.own]] < 1).any():
+            rest = rest * three_channels(left[sprite.hider[where.own]])
+        return where.box, rest
     if where.rest <= 0 or where.matrix is None:
         return None
     rows, columns = box = where.border or where.box
