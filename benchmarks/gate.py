@@ -126,7 +126,7 @@ Values = dict[str, Any]
 FORMATS = "frames,flo,tapvid,coco,davis,mot,events,trajectory,physics"
 MAP_FORMATS = "depth,normals,albedo"
 COMMANDS = (
-    *("perceive", "edit", "check", "simulate", "render", "sweep", "export", "dataset"),
+    *("perceive", "import", "edit", "check", "simulate", "render", "sweep", "export", "dataset"),
     *("gallery", "verify", "pack", "unpack", "cache", "backends", "schema", "evaluate"),
 )
 MEASURES = ("physics", "segmentation", "fid", "study")
@@ -157,13 +157,9 @@ class Runner:
             shutil.copytree(Path(peers or "", name), folder / "peers" / name)
 
     def run(self, *arguments: str, cwd: str = ".") -> subprocess.CompletedProcess[str]:
-        """One command, to its end; `import` is a script of benchmarks/ where the package has none."""
-        script = self.checkout / "benchmarks" / "import_physgen.py"
-        command = ["-m", self.module, *arguments]
-        if arguments[0] == "import" and script.exists():
-            command = [str(script), *arguments[2:]]
+        """One command, to its end."""
         return subprocess.run(
-            [sys.executable, *command],
+            [sys.executable, "-m", self.module, *arguments],
             cwd=self.folder / cwd,
             env=self.environment,
             capture_output=True,

@@ -18,7 +18,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from import_physgen import main as import_physgen
 from numpy.typing import NDArray
 
 from physgen import pipeline
@@ -67,7 +66,7 @@ def scene_files(folder: Path, names: list[str] | None = None) -> Iterator[tuple[
     for name in PEERS if peers else ():
         if not names or name in names:
             path = folder / f"{name}.yaml"
-            assert import_physgen([str(Path(peers, name)), "-o", str(path)]) == 0
+            assert physgen(["import", "physgen", str(Path(peers, name)), "-o", str(path)]) == 0
             yield name, path, []
 
 

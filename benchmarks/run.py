@@ -46,7 +46,6 @@ from frames import frames as frame_rows
 from gallery import gallery
 from ghosts import ghosts
 from growth import growth, plot
-from import_physgen import main as import_physgen
 from kills import kills
 from labels import labels
 from paper import controllability, properties, runtime
@@ -61,6 +60,7 @@ from sureness import sureness
 from tables import RESULTS, write
 
 from physgen import pipeline
+from physgen.cli.main import main as physgen
 from physgen.perceive.perceive import perceive
 from physgen.perceive.segment.prompts import from_masks
 from physgen.photometry import decode, luminance
@@ -82,7 +82,7 @@ def scenes(folder: Path) -> dict[str, Path]:
     if peers := peer_folder():
         for name in PEERS:
             found[name] = folder / f"{name}.yaml"
-            assert import_physgen([str(peers / name), "-o", str(found[name])]) == 0
+            assert physgen(["import", "physgen", str(peers / name), "-o", str(found[name])]) == 0
     return found
 
 

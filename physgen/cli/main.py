@@ -137,6 +137,7 @@ COMMANDS = {
     command.name: command
     for command in (
         perceive.PERCEIVE,
+        perceive.IMPORT,
         edit.EDIT,
         *edit.FILE_EDITS,
         simulate.SHOW,

@@ -1,4 +1,4 @@
-"""`perceive` and `backends`: photos to scenes."""
+"""`perceive`, `import` and `backends`: photos, or folders of the paper's code, to scenes."""
 
 from __future__ import annotations
 
@@ -147,6 +147,17 @@ def _refuse_beside_refresh(options: argparse.Namespace) -> None:
             raise InputError.of("perceive", f'"{value}"', "cannot be used with --refresh", fix)
 
 
+def import_(options: argparse.Namespace) -> int:
+    from physgen import pipeline
+
+    check_scene_name(options.output)
+    bar = Bar()
+    text = pipeline.import_physgen(options.path, options.output, bar.show, print_problem, print_backup)
+    bar.clear()
+    write_result(text, options.output)
+    return OK
+
+
 NAME_WIDTH = 24
 """Characters of the column of names."""
 
@@ -212,6 +223,12 @@ def add_backends(parser: Parser) -> None:
     parser.option("--dtype", "TYPE", str, "their number type: auto, float32, float16 or bfloat16")
 
 
+def add_import(parser: Parser) -> None:
+    parser.add_argument("kind", choices=("physgen",), help="a folder of the paper's code")
+    parser.add_argument("path", metavar="PATH", type=Path, help="the folder")
+    parser.option("-o --output", "SCENE", Path, "write the scene here (assets beside it); default: stdout")
+
+
 def add_list(parser: Parser) -> None:
     add_backends(parser)
     parser.flag("--json", "print as JSON")
@@ -224,6 +241,13 @@ PERCEIVE = Command(
     add_perceive,
     perceive,
     mixed=True,
+)
+IMPORT = Command(
+    "import",
+    "Converts a scene folder of the paper's code to a scene.",
+    "physgen import physgen data/pool -o pool.yaml",
+    add_import,
+    import_,
 )
 BACKENDS = Command(
     "backends",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from physgen.pipeline.clip import Page, RenderOptions, output_name, render_scene
-from physgen.pipeline.perceiving import perceive
+from physgen.pipeline.perceiving import import_physgen, perceive
 from physgen.pipeline.refining import Refiners
 from physgen.pipeline.stages import (
     Stages,
@@ -24,6 +24,6 @@ from physgen.progress import Progress, silent
 
 __all__ = [
     "Page", "Progress", "Refiners", "RenderOptions", "Stages", "Warn", "compile", "fan", "filled",
-    "ignore_warning", "lint", "load", "output_name", "perceive", "percepts", "render", "render_scene",
+    "ignore_warning", "import_physgen", "lint", "load", "output_name", "perceive", "percepts", "render", "render_scene",
     "scene_file", "shot", "silent", "simulate", "stage",
 ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""A photo, or a scene to be perceived again: to the scene's text and its assets."""
+"""A photo, a folder of the paper's code, or a scene to be perceived again: to the scene's text and its assets."""
 
 from __future__ import annotations
 
@@ -163,6 +163,24 @@ def _unused_choices(crew: Backends, options: PerceiveOptions) -> list[Problem]:
         expected = f"has no effect: segment={crew.name('segment')} needs no categories"
         found.append(Problem(Place("--backend"), "", chosen, expected, fix, Severity.WARNING))
     return found
+
+
+def import_physgen(
+    folder: Path,
+    output: Path | None = None,
+    progress: Progress = silent,
+    warn: Warn = ignore_warning,
+    keep: Keep = lambda kept: None,
+) -> str:
+    """A folder of the paper's public code -> the scene's text; writes as `perceive` does."""
+    from physgen.perceive.document import write_scene
+    from physgen.perceive.import_physgen import import_physgen as run
+
+    imported = run(folder, progress=progress)
+    for problem in imported.warnings:
+        warn(problem)
+    assets = None if output else Path(f"{folder.resolve().name}.assets")
+    return write_scene(imported, folder / "original.png", "original", output, assets, keep)
 
 
 def refresh(

@@ -228,6 +228,7 @@ def test_perceive_on_stdout_puts_assets_beside(photo: tuple[Path, Path], monkeyp
         (["render", "{lesson}", "--set", "objects.ball.mass"], "--set"),
         (["render", "{lesson}", "--variant", "hevy"], "heavy"),
         (["simulate", "{lesson}", "--variant", "all"], "names more than one"),
+        (["import", "physgen", "no-such-folder"], "no-such-folder: is not a folder"),
         (
             ["simulate", "{lesson}", "-o", "{lesson}"],
             "is no name for a trajectory; end it in .npz, .csv or .json",
@@ -266,7 +267,7 @@ def test_wrong_flags_get_one_line_and_exit_2(capsys) -> None:
 
 def test_every_command_shows_an_example(capsys) -> None:
     for command in (
-        "perceive", "check", "simulate", "render", "sweep", "cache", "backends", "schema",
+        "perceive", "import", "check", "simulate", "render", "sweep", "cache", "backends", "schema",
     ):  # fmt: skip
         with pytest.raises(SystemExit) as stop:
             main([command, "--help"])

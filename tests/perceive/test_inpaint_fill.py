@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from physgen.perceive.backends.inpaint_fill import fill
-from physgen.perceive.inpaint.poisson import fill_behind, harmonic_fill
+from physgen.perceive.inpaint.poisson import fill_behind, harmonic_fill, seamless
 
 H, W = 90, 130
 Y, X = np.mgrid[:H, :W].astype(np.float32)
@@ -46,6 +46,16 @@ def test_nothing_known_or_nothing_missing():
     picture = np.ones((9, 9, 1), np.float32)
     for hole in (np.zeros((9, 9), bool), np.ones((9, 9), bool)):
         assert np.array_equal(harmonic_fill(picture, hole), picture)
+
+
+def test_seamless_is_the_continuation_of_the_photo():
+    photo = np.stack([60 + X, 200 - X, 90 + Y], -1).astype(np.uint8)
+    hole = blob("disc")
+    torn = np.where(hole[:, :, None], 0, photo).astype(np.uint8)
+    flat = (photo.astype(int) - 37 + (X / 10)[:, :, None].astype(int)).astype(np.uint8)  # another's exposure
+    mended = seamless(flat, torn, hole)
+    assert np.abs(mended.astype(int) - photo)[~hole].max() <= 1
+    assert np.abs(mended.astype(int) - photo)[hole].max() <= 2
 
 
 def wood() -> np.ndarray:

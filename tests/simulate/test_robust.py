@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from import_physgen import main as import_physgen
 from pytest import approx
 from worlds import ball, box, floor, push, world
 
@@ -100,7 +99,7 @@ def test_a_real_pile_falls_where_its_corner_is_taken_away(pile, corner) -> None:
 @pytest.mark.peer_scenes
 def test_a_real_rack_rests(tmp_path) -> None:
     source = Path(os.environ["PHYSGEN_PEER_SCENES"]) / "pool"
-    assert import_physgen([str(source), "-o", str(tmp_path / "pool.yaml")]) == 0
+    pipeline.import_physgen(source, tmp_path / "pool.yaml")
     t = run(tmp_path / "pool.yaml", "forces=[]", "objects.*.velocity=[0, 0]", "world.duration=2")
     assert max(moved(t).values()) < 0.5
 

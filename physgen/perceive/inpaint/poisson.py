@@ -1,4 +1,4 @@
-"""Harmonic fill of holes (Laplace's equation).
+"""Harmonic fill of holes (Laplace's equation) and seamless blending.
 
 The equation is solved by conjugate gradients, preconditioned by one multigrid V-cycle (Briggs, A Multigrid Tutorial).
 The photo's border is free (no flow through it); values beside the hole are boundary values.
@@ -34,6 +34,12 @@ class _Halo:
     """px: widest rim that is measured."""
     margin: int = 2
     """px beyond the measured rim: sharpening leaves a line there, and masks are off by as much."""
+    smooth: float = 1.5
+    """px, standard deviation of the blur over which photo and fill are compared."""
+    levels: float = 3.0
+    """Difference from another program's background from which one is seen on an even surface ..."""
+    loud: float = 2.0
+    """... and how many times as large as differences are by chance it is."""
 
 
 HALO = _Halo()
@@ -53,7 +59,25 @@ def harmonic_fill(picture: F32, hole: Mask, tolerance: float = 0.02) -> F32:
     return result
 
 
-def reach_around(hole: Mask) -> tuple[float, F32]:
+def seamless(other: Rgb, photo: Rgb, hole: Mask) -> Rgb:
+    """Another program's background `(H, W, 3)` in `hole` (H, W) and where it differs from the photo beside it.
+
+    Its difference in exposure does not count: what is left at the border is spread over the hole by a harmonic fill
+    and subtracted (Perez et al. 2003, Poisson image editing). Elsewhere the result equals `photo`.
+    """
+    reach, away = _reach_around(hole)
+    gap = photo.astype(np.float32) - other
+    free, beyond = ((away > far).astype(np.float32)[:, :, None] for far in (0, reach))
+    off = np.abs(_smoothed(gap, free, HALO.smooth) - _smoothed(gap, beyond, reach)).max(axis=2)
+    chance = _smoothed(off[:, :, None] ** 2, beyond, reach)[:, :, 0] ** 0.5
+    differs = (off > HALO.levels + HALO.loud * chance) & (away <= 2 * reach)
+    whole = dilate(_joined_to(hole, differs), 1)
+    spread = harmonic_fill(np.where(whole[:, :, None], np.float32(0), gap), whole)
+    filled = np.clip(other + spread + 0.5, 0, 255).astype(np.uint8)
+    return np.where(whole[:, :, None], filled, photo)
+
+
+def _reach_around(hole: Mask) -> tuple[float, F32]:
     """px that a halo may reach, less where that would cover the photo; (H, W) px from `hole`."""
     away = cv2.distanceTransform((~hole).astype(np.uint8), cv2.DIST_L2, 5)
     reach = HALO.reach * max(hole.shape)
@@ -85,7 +109,7 @@ def fill_behind(photo: Rgb, hole: Mask, fill: Inpaint) -> Rgb:
     """`photo` (H, W, 3) with `hole` (H, W) and the blurred rim around it filled."""
     if not hole.any() or hole.all():
         return photo.copy()
-    wide = reach_around(hole)[1] <= rim_width(photo, hole)
+    wide = _reach_around(hole)[1] <= rim_width(photo, hole)
     return fill(photo, hole if wide.all() else wide)
 
 
@@ -101,6 +125,23 @@ def blend_at_border(filled: F32, photo: Rgb, hole: Mask) -> Rgb:
     depth = cv2.distanceTransform(hole.astype(np.uint8), cv2.DIST_L2, 5)[:, :, None]
     kept = 1 + harmonic_fill(loss, hole, tolerance=8e-3) * np.exp(-((depth / FADE) ** 2))
     return np.where(hole[:, :, None], np.clip(filled * kept + 0.5, 0, 255).astype(np.uint8), photo)
+
+
+def _smoothed(picture: F32, known: F32, sigma: float) -> F32:
+    """A blur of (H, W, C) from what is `known` (H, W, 1)."""
+    shape = picture.shape
+    sums, weights = (
+        cv2.GaussianBlur(part, (0, 0), sigma).reshape(*shape[:2], -1) for part in (picture * known, known)
+    )
+    return np.asarray(sums / np.maximum(weights, 1e-3), np.float32)
+
+
+def _joined_to(hole: Mask, differs: Mask) -> Mask:
+    """(H, W) the hole and what `differs` in one piece with it."""
+    _, names = cv2.connectedComponents((hole | differs).astype(np.uint8), connectivity=8)
+    kept = np.zeros(int(names.max()) + 1, bool)
+    kept[names[hole]] = True
+    return np.asarray(kept[names] & (hole | differs))
 
 
 def close_gaps(hole: Mask) -> Mask:

@@ -1,7 +1,5 @@
 """Import of a scene folder of the paper's public code, with the meaning that its numbers have there.
 
-    python benchmarks/import_physgen.py data/pool -o pool.yaml
-
 original.png, mask.png and sim.yaml are needed; inpaint.png, normal.npy, shading.npy and depth.npy are used if present.
 The meaning was measured by running that code: `init_acc` is a change of velocity, coefficients of two surfaces
 multiply, walls have friction 1 and elasticity 0 by default, balls turn as discs.
@@ -10,21 +8,18 @@ multiply, walls have friction 1 and elasticity 0 by default, balls turn as discs
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from jsonschema import Draft202012Validator, ValidationError
 from numpy.typing import NDArray
 
 from physgen import registry
-from physgen.cli.arguments import WRONG_INPUT, Parser
-from physgen.cli.output import Bar, print_backup, print_problem, print_problems, write_result
+from physgen.files import resource
 from physgen.geometry.circles import fit_circle
 from physgen.geometry.fitting import fit_outlines, long_border, without_specks
 from physgen.geometry.polygon import Disc, Outline, mass_properties
@@ -37,9 +32,8 @@ from physgen.perceive.document import (
     provenance,
     shape_entry,
     view_entry,
-    write_scene,
 )
-from physgen.perceive.inpaint.poisson import dilate, fill_behind, harmonic_fill, reach_around
+from physgen.perceive.inpaint.poisson import fill_behind, seamless
 from physgen.perceive.roles import (
     BoundaryGuess,
     Intrinsics,
@@ -65,11 +59,6 @@ Vector = tuple[float, float]
 NEEDED = ("original.png", "mask.png", "sim.yaml")
 STEP = 1 / 60
 """s, of that code's simulation."""
-SMOOTH = 1.5
-"""px, standard deviation of the blur over which photo and fill are compared."""
-LEVELS, LOUD = 3.0, 2.0
-"""Difference from another program's background from which one is seen on an even surface, and how many times as large
-as differences are by chance it is."""
 LEAST_SPREAD = 0.06
 """Of normals that determine a light; the flat fronts of blocks do not."""
 
@@ -77,8 +66,7 @@ LEAST_SPREAD = 0.06
 @cache
 def _schema() -> Schema:
     """Of sim.yaml, with that code's defaults."""
-    file = Path(__file__).with_name("physgen-sim.schema.json")
-    return expand(json.loads(file.read_text(encoding="utf-8")))
+    return expand(json.loads(resource("schemas", "physgen-sim.schema.json").read_text(encoding="utf-8")))
 
 
 @dataclass(frozen=True)
@@ -323,41 +311,6 @@ def _read_background(path: Path, rgb: Rgb, hole: NDArray[np.bool_]) -> Rgb:
     return seamless(other, rgb, hole)
 
 
-def seamless(other: Rgb, photo: Rgb, hole: NDArray[np.bool_]) -> Rgb:
-    """Another program's background `(H, W, 3)` in `hole` (H, W) and where it differs from the photo beside it.
-
-    Its difference in exposure does not count: what is left at the border is spread over the hole by a harmonic fill
-    and subtracted (Perez et al. 2003, Poisson image editing). Elsewhere the result equals `photo`.
-    """
-    reach, away = reach_around(hole)
-    gap = photo.astype(np.float32) - other
-    free, beyond = ((away > far).astype(np.float32)[:, :, None] for far in (0, reach))
-    off = np.abs(_smoothed(gap, free, SMOOTH) - _smoothed(gap, beyond, reach)).max(axis=2)
-    chance = _smoothed(off[:, :, None] ** 2, beyond, reach)[:, :, 0] ** 0.5
-    differs = (off > LEVELS + LOUD * chance) & (away <= 2 * reach)
-    whole = dilate(_joined_to(hole, differs), 1)
-    spread = harmonic_fill(np.where(whole[:, :, None], np.float32(0), gap), whole)
-    filled = np.clip(other + spread + 0.5, 0, 255).astype(np.uint8)
-    return np.where(whole[:, :, None], filled, photo)
-
-
-def _smoothed(picture: F32, known: F32, sigma: float) -> F32:
-    """A blur of (H, W, C) from what is `known` (H, W, 1)."""
-    shape = picture.shape
-    sums, weights = (
-        cv2.GaussianBlur(part, (0, 0), sigma).reshape(*shape[:2], -1) for part in (picture * known, known)
-    )
-    return np.asarray(sums / np.maximum(weights, 1e-3), np.float32)
-
-
-def _joined_to(hole: NDArray[np.bool_], differs: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(H, W) the hole and what `differs` in one piece with it."""
-    _, names = cv2.connectedComponents((hole | differs).astype(np.uint8), connectivity=8)
-    kept = np.zeros(int(names.max()) + 1, bool)
-    kept[names[hole]] = True
-    return np.asarray(kept[names] & (hole | differs))
-
-
 def _read_maps(folder: Path, rgb: Rgb) -> tuple[F32 | None, F32 | None, F32 | None]:
     """Normals, shading and depth in our axes, None for those that are missing."""
     normals = _read_array(folder / "normal.npy", rgb.shape)
@@ -442,33 +395,3 @@ def _unknown_keys(node: Node, known: Mapping[str, Any], path: str) -> Iterator[P
             fix = f"did you mean {near}?" if near else "it is ignored"
             where, expected = f"{path}.{key}" if path else key, "is not a key of sim.yaml"
             yield Problem(child.key_place, where, f'"{key}"', expected, fix, severity)
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """The command."""
-    parser = Parser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("folder", metavar="FOLDER", type=Path, help="a scene folder of the paper's code")
-    parser.option("-o --output", "SCENE", Path, "the scene (assets beside it); default: stdout")
-    options = parser.parse_args(arguments)
-    bar = Bar()
-    try:
-        imported = import_physgen(options.folder, progress=bar.show)
-    except InputError as error:
-        print_problems(error.problems)
-        return WRONG_INPUT
-    finally:
-        bar.clear()
-    for problem in imported.warnings:
-        print_problem(problem)
-    write_result(write(imported, options.folder, options.output), options.output)
-    return 0
-
-
-def write(imported: PerceivedScene, folder: Path, output: Path | None) -> str:
-    """Writes the assets, and the scene where `output` is given; returns its text."""
-    assets = None if output else Path(f"{folder.resolve().name}.assets")
-    return write_scene(imported, folder / "original.png", "original", output, assets, print_backup)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

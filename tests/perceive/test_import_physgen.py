@@ -5,9 +5,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from import_physgen import import_physgen, main, seamless
 
 from physgen.perceive.document import write_scene
+from physgen.perceive.import_physgen import import_physgen
 from physgen.problems import InputError, Severity
 from physgen.scene.load import load
 from physgen.scene.scene import Circle, Combine, Load, Polygon, Solid, View
@@ -167,24 +167,6 @@ def test_spoilt_files_are_refused(tmp_path: Path):
     cv2.imwrite(str(path / "mask.png"), np.ones((9, 9), np.uint8))
     with pytest.raises(InputError, match="differs from original"):
         import_physgen(path)
-
-
-def test_seamless_is_the_continuation_of_the_photo():
-    y, x = np.mgrid[:90, :130].astype(np.float32)
-    photo = np.stack([60 + x, 200 - x, 90 + y], -1).astype(np.uint8)
-    hole = np.hypot(x - 60, y - 45) < 25
-    torn = np.where(hole[:, :, None], 0, photo).astype(np.uint8)
-    flat = (photo.astype(int) - 37 + (x / 10)[:, :, None].astype(int)).astype(np.uint8)  # another's exposure
-    mended = seamless(flat, torn, hole)
-    assert np.abs(mended.astype(int) - photo)[~hole].max() <= 1
-    assert np.abs(mended.astype(int) - photo)[hole].max() <= 2
-
-
-def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([str(folder(tmp_path / "two")), "-o", str(tmp_path / "scene.yaml")]) == 0
-    assert len(load(tmp_path / "scene.yaml").objects) == 2
-    assert main([str(tmp_path / "none")]) == 2
-    assert "none: is not a folder" in capsys.readouterr().err
 
 
 @pytest.mark.peer_scenes
