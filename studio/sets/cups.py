@@ -259,7 +259,7 @@ def stage() -> Stage:
         room(),
         lights,
         {"table": Boundary([(-2, 0), (2, 0)], 0.4, 0.2)},
-        duration=1.2,
+        duration=1.0,
         softness=20,
         exposure=1.55,
         sections=sections,
@@ -270,7 +270,7 @@ def sections(camera: Camera) -> dict:
     rim = [round(v, 1) for v in camera.pixel((-0.035, CUP + 0.052))]
     return {
         "forces": [{"object": "cup-2", "impulse": camera.push((0.227, 0)), "at": rim}],
-        "render": {"frames": 72, "fps": 30},
+        "render": {"frames": 60, "fps": 30},
         "variants": {
             "gentle": {"forces[0].impulse": camera.push((0.095, 0))},
             "hard": {"forces[0].impulse": camera.push((0.275, 0))},

@@ -214,7 +214,7 @@ def stage() -> Stage:
             "left-side": Boundary([(-INSIDE, 0), (-INSIDE, 0.8)], 0.4, 0.6),
             "right-side": Boundary([(INSIDE, 0), (INSIDE, 0.8)], 0.4, 0.6),
         },
-        duration=1.5,
+        duration=1.2,
         softness=1.7,
         backdrop=0.14,
         exposure=1.75,
