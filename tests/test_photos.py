@@ -371,8 +371,8 @@ def test_photos_too_small_for_an_object(
     Image.new("RGB", (side, side), "red").save(tmp_path / "p.png")
     code = main(["perceive", str(tmp_path / "p.png"), "-o", str(tmp_path / "s.yaml")])
     told = capsys.readouterr().err
-    assert told.count("\n") == 1
     if side < 8:
+        assert told.count("\n") == 1
         assert code == 2
         assert "is too small to find objects in; use a photo of at least 8 px a side" in told
         assert not (tmp_path / "s.yaml").exists()
