@@ -122,7 +122,7 @@ def _followed(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     stated = "world.pixels_per_meter" in scene.places
     if stated and record.scale is not None and not equal(record.scale, scale):
         why = f"is not the {record.scale:g} px/m that was perceived: masses, pushes and playback follow it"
-        if equal(record.scale, scene.document["world"]["pixels_per_meter"]):
+        if record.world.get("by_labels"):
             why = f"is the scale by the labels that you changed, not the {record.scale:g} px/m of this line"
         yield warning(scene, "world.pixels_per_meter", f"{scale:g}", why, fix)
     for item in scene.objects:
@@ -321,13 +321,13 @@ def supports(scene: Scene, compiled: Compiled) -> list[list[str]]:
 
 
 def _unsupported(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
-    """Objects of a photo, at rest, with nothing under them or under what they are joined to."""
+    """Objects of a photo, at rest where they are in it, with nothing under them or under what they are joined to."""
     if scene.image is None or scene.world.view is View.TOP or not compiled.world.gravity.any():
         return
     held_by = supports(scene, compiled)
     hanging = [i for group in _joined(scene) if not any(held_by[k] for k in group) for i in group]
     for item in (scene.objects[i] for i in sorted(hanging)):
-        if not any(item.velocity):
+        if not (any(item.velocity) or item.place):
             expected = "is supported by nothing and falls at once"
             fix = "put a boundary under it, hold it with a joint, or write motion: static"
             yield warning(scene, f"objects.{item.name}", item.name, expected, fix)

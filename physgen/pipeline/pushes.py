@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import cos, hypot, radians, sin, sqrt
 from typing import TYPE_CHECKING, Any
@@ -220,18 +220,16 @@ def motion_edits(
     return edits
 
 
-def _perceived_pushes(scene: Scene) -> list[str]:
+def _perceived_pushes(scene: Scene) -> Iterator[str]:
     """Objects that have the velocity which perception wrote, at the scale of then or as it followed the scale."""
     now = scene.world.pixels_per_meter
     followed = sqrt((scene.record.scale or now) / now)
-    found = []
     for item in scene.objects:
         wrote = scene.record.entry(item.name, scene.document["objects"][item.name]).get("velocity")
         speed = [quantity(str(part), "px/s", now) or 0.0 for part in wrote] if isinstance(wrote, list) else []
         ways = [[factor * part for part in speed] for factor in (1, followed)]
         if any(speed) and any(equal(item.velocity, way, TRIAL.written * hypot(*way)) for way in ways):
-            found.append(item.name)
-    return found
+            yield item.name
 
 
 def _let_go(item: Object) -> dict[str, Any]:

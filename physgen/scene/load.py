@@ -327,7 +327,7 @@ def scene_from_tree(root: Node, record: Record, name: str, source: Source, groun
         maps=MappingProxyType(
             {**ground.record.maps, **{name: _pair(ends) for name, ends in data.get("maps", {}).items()}}
         ),
-        record=ground.record,
+        record=replace(ground.record, world=record.world),
         places=MappingProxyType(dict(_places(root, ()))),
         document=MappingProxyType(data),
         variants=tuple(data["variants"]),

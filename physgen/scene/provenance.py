@@ -245,7 +245,8 @@ def followed(
         sources = {**entry.get("from", {}), **{key: sources[key] for key in new if key in sources}}
         id_ = str(own.get("mask"))
         entries[id_ if id_ in record.objects else name] = {**entry, **new, "from": sources}
-    return values, replace(record, objects=entries)
+    by_labels = ("world", "pixels_per_meter") in values
+    return values, replace(record, objects=entries, world={**record.world, "by_labels": by_labels})
 
 
 def _table_values(

@@ -112,6 +112,8 @@ def test_an_object_of_a_photo_that_hangs_in_the_air(tmp_path: Path) -> None:
     [said] = told(tmp_path, body, photo(tmp_path))
     assert "a is supported by nothing and falls at once" in said
     assert told(tmp_path, body) == []  # a lesson
+    lifted = body.replace("a: {", "a: {place: [50, 30], ")
+    assert told(tmp_path, lifted, photo(tmp_path)) == []  # put there to fall
 
 
 HELD = {
