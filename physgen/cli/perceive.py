@@ -69,9 +69,7 @@ def _perceive_many(options: argparse.Namespace) -> int:
     wrong = [("perceive", flag, "is for one photo", fix) for flag, value in single.items() if value]
     if options.output is None or options.output.suffix in (".yaml", ".yml"):
         wrong += [("perceive", f"{len(names)} photos", "go into a folder", "name it: -o FOLDER")]
-    wrong += [
-        (str(image), "", "is not there", "name a photo") for image in options.image if not image.is_file()
-    ]
+    wrong += [(str(one), "", "is not there", "name a photo") for one in options.image if not one.is_file()]
     wrong += [("perceive", f'"{name}"', "is the name of two photos", "rename one") for name in twins]
     if wrong:
         raise InputError(Problem(Place(file), "", found, what, fix) for file, found, what, fix in wrong)

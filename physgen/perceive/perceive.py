@@ -108,9 +108,10 @@ def perceive(
     if found.source != "given":
         new = [item for item in objects if item.id not in found.mask_sources]
         found = replace(found, labels=_rounded(found.labels, new))
+    filled = found.labels if found.gone is None else np.where(found.labels > 0, found.labels, found.gone)
     # the fill needs the photo and the masks alone, and takes as long as all that does not need it
     with ThreadPoolExecutor(1) as beside:
-        filling = beside.submit(run.fill, found.labels) if run.core("matte", "inpaint") else None
+        filling = beside.submit(run.fill, filled) if run.core("matte", "inpaint") else None
         names = run.name(found, objects, renames)
         matter, scale = run.weigh(names, pixels_per_meter)
         boundaries, depth, normals = run.find_boundaries(found, names.objects, view, scenery)
@@ -121,7 +122,7 @@ def perceive(
         intrinsics: Intrinsics = run.role("intrinsic", rgb, found.labels, normals)
         light: LightGuess = run.role("light", rgb, found.labels, objects, normals, intrinsics)
         run.progress("inpaint", ROLES.index("inpaint"), len(ROLES))
-        coverage, background = filling.result() if filling else run.fill(found.labels)
+        coverage, background = filling.result() if filling else run.fill(filled)
         shadows: Shadows = run.role(
             "shadow", background, coverage, found.labels, objects, matter, boundaries, light
         )
@@ -197,10 +198,8 @@ class _Run:
         segments = Segmenter(self.crew, nouns)(self.rgb)
         self.crew.release("segment")
         sure = {k + 1: float(c) for k, c in enumerate(segments.confidence)}
-        source = self.crew.name("segment")
-        found = Detections(
-            segments.labels, source, sure, segments.names, doubtful=segments.doubtful, named_by=source
-        )
+        by = self.crew.name("segment")
+        found = Detections(segments.labels, by, sure, segments.names, doubtful=segments.doubtful, named_by=by)
         return found, segments.scenery
 
     def name(
@@ -252,9 +251,8 @@ class _Run:
 
     def signed(self, made: PerceivedScene) -> PerceivedScene:
         """With the record of the backends, where models took part."""
-        self.crew.steps.sort(
-            key=lambda step: ROLES.index(step.role)
-        )  # one of them may have run beside the others
+        # one of them may have run beside the others
+        self.crew.steps.sort(key=lambda step: ROLES.index(step.role))
         return made if self.crew.all_default() else replace(made, record=self.crew.record())
 
 
@@ -287,10 +285,8 @@ def fit_objects(rgb: Rgb, found: Detections) -> tuple[list[PhotoObject], int]:
     labels = found.labels
     height, width = rgb.shape[:2]
     if labels.shape != (height, width):
-        size = f"{labels.shape[1]} x {labels.shape[0]} px"
-        raise InputError.of(
-            "--masks", size, f"differs from the photo's {width} x {height} px", "make them one size"
-        )
+        size, fix = f"{labels.shape[1]} x {labels.shape[0]} px", "make them one size"
+        raise InputError.of("--masks", size, f"differs from the photo's {width} x {height} px", fix)
     counts = np.bincount(labels.ravel(), minlength=2)
     every = np.flatnonzero(counts[1:]) + 1
     ids = [int(i) for i in every if counts[i] >= SMALLEST_OBJECT]
@@ -326,9 +322,8 @@ def _empty_scene(rgb: Rgb, found: Detections, pixels_per_meter: float | None) ->
     }  # fmt: skip
     comments = {"objects": f"no region of the photo looks like a whole object that could be moved; {POINT}"}
     labels, scene["doubtful"] = document.with_doubtful(np.zeros(rgb.shape[:2], np.uint16), found.doubtful)
-    percepts = Percepts(
-        rgb=rgb, labels=labels, coverage=np.zeros(labels.shape, np.float32), background=rgb, clean=None
-    )
+    none = np.zeros(labels.shape, np.float32)
+    percepts = Percepts(rgb=rgb, labels=labels, coverage=none, background=rgb, clean=None)
     suits = Suitability(("no sure objects",))
     return PerceivedScene(percepts, scene, comments, suitability=suits)
 
@@ -345,10 +340,8 @@ def _rounded(labels: Labels, objects: Sequence[PhotoObject]) -> Labels:
 
 
 def _world(boundaries: BoundaryGuess, pixels_per_meter: float, shadows: Shadows) -> dict[str, Any]:
-    world: dict[str, Any] = {
-        "view": boundaries.view.value,
-        "pixels_per_meter": document.short(pixels_per_meter),
-    }
+    per_meter = document.short(pixels_per_meter)
+    world: dict[str, Any] = {"view": boundaries.view.value, "pixels_per_meter": per_meter}
     if boundaries.view is View.TOP:
         world["table"] = {"friction": 0}
     return world | document.view_entry(shadows, boundaries.view is View.SIDE)
@@ -359,10 +352,8 @@ def _light(guess: LightGuess, shadows: Shadows) -> dict[str, Any]:
         source = document.provenance("shading", guess.confidence)
         return document.light_entry(guess.light) | {"from": source}
     source = document.provenance("shadows", shadows.confidence)
-    return document.light_entry(shadows.light) | {
-        "softness": document.short(shadows.softness),
-        "from": source,
-    }
+    softness = document.short(shadows.softness)
+    return document.light_entry(shadows.light) | {"softness": softness, "from": source}
 
 
 def shrink_photo(rgb: Rgb, side: int) -> Rgb:

@@ -178,6 +178,11 @@ def merge_boundaries(was: Entry, now: Entry, record: Record) -> dict[str, Any]:
     return fresh | walls
 
 
+def taken_out(objects: Sequence[Object], before: Labels, labels: Labels) -> Labels:
+    """(H, W) ids of the map `before` that the scene no longer has, where no object is now; 0 elsewhere."""
+    return np.where(np.isin(before, _mask_ids(objects)) | (labels > 0), np.uint16(0), before)
+
+
 def same_objects(scene: Scene, before: Labels, labels: Labels) -> bool:
     """Whether objects, their pixels and the view are as when boundaries were perceived: these are so, too, then."""
     world, assets = scene.record.world, scene.assets
@@ -234,8 +239,10 @@ def rescaled(
     return result, wrote
 
 
-def kept_doubtful(scene: Entry, before: Labels, labels: Labels) -> tuple[Labels, dict[str, Any]]:
-    """The new label map with the regions that are doubtful still, from the map `before`, and their entries."""
+def kept_doubtful(
+    scene: Entry, before: Labels, labels: Labels, gone: Labels
+) -> tuple[Labels, dict[str, Any]]:
+    """The new label map with the regions that are doubtful still, and those `gone`; entries of the former."""
     result, entries = labels.copy(), {}
     for name, entry in scene.get("doubtful", {}).items():
         if not isinstance(entry["mask"], int):  # drawn by the user
@@ -245,6 +252,8 @@ def kept_doubtful(scene: Entry, before: Labels, labels: Labels) -> tuple[Labels,
         if region.any():
             id_ = int(result.max()) + 1 if (result == entry["mask"]).any() else entry["mask"]
             result[region], entries[name] = id_, {**entry, "mask": id_}
+    free = (result == 0) & (gone > 0)
+    result[free] = np.where(np.isin(gone, result), result.max() + 1, gone)[free]
     return result, entries
 
 

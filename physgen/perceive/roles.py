@@ -267,6 +267,8 @@ class Detections:
     """Drawing layers that the user set, by id."""
     named_by: str = "given"
     """The source of `names`, for `from`."""
+    gone: Labels | None = None
+    """(H, W) > 0: what a user took out, which is filled, too."""
 
 
 @dataclass(frozen=True)

@@ -239,11 +239,12 @@ def refresh(
     side, record = max(scene.size), scene.record
     scaled = follows_scale(old, record, side)
     labels = {**begun.found.names, **{item.id: Name(item.label, 1.0) for item in named if item.id in renamed}}
+    gone = None if maps is None else old_and_new.taken_out(scene.objects, maps.cut_out, begun.found.labels)
     layers = old_and_new.user_layers(old)
     layer_of = {i: layers[name] for i, name in called.items() if name in layers}
     perceived = run(
         photo.rgb,
-        replace(begun.found, names=labels, layers=layer_of),
+        replace(begun.found, names=labels, layers=layer_of, gone=gone),
         crew=crew,
         view=scene.world.view,
         pixels_per_meter=None if scaled else scene.world.pixels_per_meter,
@@ -251,20 +252,20 @@ def refresh(
     )
     new_labels = {called[item.id]: item.label for item in named if item.id in renamed}
     seen, doubtful = perceived.document, dict[str, Any]()
-    if maps is not None:
-        labels_now, doubtful = old_and_new.kept_doubtful(old, maps.labels, perceived.percepts.labels)
-        if old_and_new.same_objects(scene, maps.labels, labels_now):
+    if maps is not None and gone is not None:
+        marked, doubtful = old_and_new.kept_doubtful(old, maps.labels, perceived.percepts.labels, gone)
+        if old_and_new.same_objects(scene, maps.labels, marked):
             seen = {**seen, "boundaries": record.world["boundaries"]}
     document = old_and_new.merge_documents(old, seen, begun, new_labels, scaled, record)
     document, wrote = old_and_new.rescaled(own, document, record, side)
     wrote[""]["boundaries"] = seen["boundaries"]
     if maps is not None:
         document |= {"doubtful": doubtful} if "doubtful" in old else {}
-        perceived = replace(perceived, percepts=replace(perceived.percepts, labels=labels_now))
         # whether shadows were removed depends on the scene's own light
         clean = None if maps.clean is None else perceived.percepts.clean
         depth = maps.depth if perceived.percepts.depth is None else perceived.percepts.depth
-        perceived = replace(perceived, percepts=replace(perceived.percepts, clean=clean, depth=depth))
+        kept_maps = replace(perceived.percepts, labels=marked, clean=clean, depth=depth)
+        perceived = replace(perceived, percepts=kept_maps)
     text = None if "extends" in own else path.read_bytes().decode("utf-8-sig")
     comments = {} if text is None else perceived.comments  # only those of values that are new are written
     perceived = replace(perceived, document=document, comments=comments, wrote=wrote)

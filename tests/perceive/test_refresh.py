@@ -105,7 +105,7 @@ def test_what_a_person_wrote_stays(scene: Path) -> None:
     assert "mass" not in pipeline.load(out).objects[0].provenance
     assert now == {**document["objects"]["ball-1"], **surface}
     assert list(after["objects"]) == ["ball-1", "ball-2"]
-    assert len(np.unique(read_labels(scene.with_name("again.assets") / "masks.png"))) == 3
+    assert len(np.unique(read_labels(scene.with_name("again.assets") / "masks.png"))) == 4, "to be filled"
     assert (after["forces"], after["render"]) == (document["forces"], document["render"])
     assert {**after["world"], "duration": 0} == {**document["world"], "duration": 0}
     assert after["world"]["duration"] == playback(300, 640)[0], "perception wrote it, so it follows the scale"
@@ -442,6 +442,29 @@ def test_an_edited_label_invents_no_boundary(scene: Path) -> None:
     top.write_text(re.sub(r"  table: .*\n", "", top.read_text()))
     assert refreshed(top)[0].boundaries == ()
     assert "table:" not in scene.with_name("again.yaml").read_text()
+
+
+def test_what_was_taken_out_stays_out_of_the_picture(scene: Path) -> None:
+    """After a first and a second refresh; the file of before has all objects still."""
+    before = scene.read_text()
+    y, x = np.mgrid[:140, :300]
+    inside = (x - CENTRES["ball-3"][0]) ** 2 + (y - CENTRES["ball-3"][1]) ** 2 <= RADIUS**2
+    (third,) = (
+        item.name
+        for item in pipeline.load(scene).objects
+        if isinstance(item.shape.stored, Circle) and item.shape.stored.center[0] > 200  # type: ignore[union-attr]
+    )
+    assert main(["remove", str(scene), third]) == 0
+    for _ in range(2):
+        assert main(["perceive", "--refresh", str(scene), "-o", str(scene)]) == 0
+        made = pipeline.load(scene)
+        maps = pipeline.percepts(made)
+        assert maps is not None
+        seen = maps.background[inside].astype(float)
+        assert np.abs(seen - (190, 186, 176)).mean() < 6, "paper, and no ball"
+        assert len(made.objects) == 2
+    scene.write_text(before)
+    assert len(pipeline.compile(pipeline.load(scene), maps).world.bodies) == 3
 
 
 def test_boundaries_that_a_user_changed_or_took_out_stay_so(scene: Path) -> None:
