@@ -26,6 +26,6 @@ def test_labels_are_what_a_path_tracer_sees(name: str, tmp_path: Path) -> None:
         1e-5 if name in BALLS else 2.5e-4
     )  # of a box, the path tracer sees sides that the photo hid
     assert row.overlap > 0.98
-    assert row.lands > 0.994
+    assert row.lands > 0.992  # a pixel that two balls share has flow of one of them
     assert row.grey < 2.6
     assert row.moved < 0.5 * row.unmoved  # highlights and shadows stay where they are
