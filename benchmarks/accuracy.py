@@ -23,7 +23,7 @@ SEEN = {
     "peer-domino": "success: they fall one after the other; the first, pushed as a whole, slides before it tips",
     "peer-pig_ball": "success: the ball rolls off the shelf and falls; a smear of its old shadow stays on the shelf",
     "peer-pool": "the break rolls; of 16 balls one is not found, of one only its number is; shadows leave holes",
-    "coins": "coins are cut out well, but taken to be seen from the side: `world.view: top` in the file mends it",
+    "coins": "coins are cut out well, but taken to be seen from the side: `world.view: top` in the file corrects that",
     "coffee": "failure: the cup is seen as a rolling ball, and tears its handle and the saucer apart",
     "clock_motion": "failure: it is no photo, but a blur of one disc; a rim of it stays behind",
     "rocket": "the rocket tips as a rigid body would, and takes a mast for an object of its own",
@@ -106,7 +106,7 @@ def frames(rows: Any) -> list[Row]:
         f"{len(scenes)} scenes held out (our own bar is {state})"
     )
     command = "`python benchmarks/fidelity.py`"
-    return [("Frames", found, "its compositing is the other side", command)]
+    return [("Frames", found, "this is the comparison with its compositing", command)]
 
 
 def segmentation(rows: Any) -> list[Row]:
@@ -134,7 +134,7 @@ def properties(rows: Any) -> list[Row]:
     asked = ("Mass", "Order of friction", "Order of elasticity")
     command = "`python benchmarks/properties.py`"
     found = [sentence.split(" The paper: ") for sentence in told]
-    found[0][0] += " Label and size are given; whoever wrote the material table knew what is asked."
+    found[0][0] += " Label and size are given; the material table was written with these objects known."
     return [
         (what, here.removeprefix("Friction: ").removeprefix("Elasticity: "), there.rstrip("."), command)
         for what, (here, there) in zip(asked, found, strict=True)

@@ -15,9 +15,12 @@ from unittest.mock import patch
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from pycocotools import mask as coco
 
 from physgen import registry
-from physgen.evaluate.segmentation import Found, Pair, Photo, as_photo, evaluate, match, pairs
+from physgen.evaluate.segmentation import Found, Pair, Photo, Truth, as_photo, evaluate, match, pairs
 from physgen.perceive.backends import label_imagenet, segment_learned
 from physgen.perceive.roles import Rgb, Segments
 from physgen.perceive.segment.candidates import FEATURES
@@ -81,6 +84,12 @@ def _coco(folder: Path) -> Iterator[Pair]:
             yield Pair(photo, truth, name=f"coco-{name}")
 
 
+OWN = ("tune", "test", "homes")
+"""Sets of pictures that belong to the project and may be shown."""
+WORST, TILE = 10, (240, 180)
+"""So many pictures with the worst F, at most so wide and high, px."""
+FOUND, TRUE = (0, 210, 255), (255, 190, 0)
+"""sRGB of outlines."""
 REAL = ("peers", "household", "coco")
 """Sets of real photos: their confidences are counted together."""
 CONFIDENCES = (0.25, 0.4, 0.55, 0.7, 0.85, 1.0)
@@ -103,6 +112,7 @@ def segmentation(folder: Path) -> list[dict]:
     (`without`), and a row a bin of confidence (`set` is "reliability")."""
     find = registry.make("segment", "learned")
     rows, real, sets = [], [], photos(folder)
+    shown: list[tuple[float, NDArray[np.uint8]]] = []
     for name, some in sets.items():
         kept: list[Segments] = []
 
@@ -115,8 +125,14 @@ def segmentation(folder: Path) -> list[dict]:
         cpu = (process_time() - before) / len(some)
         rows += [{"set": name, **row} for row in found.rows]
         rows.append({"set": name, "photo": "", **_total(found), "cpu": cpu})
+        if name in OWN:
+            rated = zip(found.rows, some, kept, strict=True)
+            shown += [(row["f"], outlined(pair.read(), one)) for row, pair, one in rated]
         if name in REAL:
             real += [as_photo(pair.name, pair.read(), one) for pair, one in zip(some, kept, strict=True)]
+    tiles = [tile for _, tile in sorted(shown, key=lambda one: one[0])[:WORST]]
+    sheet = np.vstack([np.hstack(tiles[k : k + 5]) for k in range(0, WORST, 5)])
+    Image.fromarray(sheet).save(ROOT / "docs/segmentation.webp", quality=75, method=6)
     for part, stand_ins in taken_away().items():
         with patch.multiple(segment_learned, **stand_ins):
             for name in REAL:
@@ -124,7 +140,28 @@ def segmentation(folder: Path) -> list[dict]:
                     rows.append(
                         {"set": name, "without": part, "photo": None, **_total(evaluate(sets[name], find))}
                     )
-    return rounded([*rows, *_reliability(real)])
+    rows += _reliability(real)
+    if absent := {name for name in REAL if name not in sets}:  # their former rows stay
+        before = json.loads((ROOT / "benchmarks/results/segmentation.json").read_text())["rows"]
+        rows = [row for row in rows if row["set"] != "reliability"]
+        rows += [row for row in before if row["set"] in absent | {"reliability"}]
+    return rounded(rows)
+
+
+def outlined(truth: Truth, segments: Segments) -> NDArray[np.uint8]:
+    """The picture in a tile, outlines of true masks thick and those of what was found thin."""
+    width, height = TILE
+    scale = min(width / truth.rgb.shape[1], height / truth.rgb.shape[0])
+    picture = cv2.resize(truth.rgb, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    masks = [(coco.decode(one), TRUE, 2) for one in truth.masks]
+    masks += [(segments.labels == k + 1, FOUND, 1) for k in range(len(segments.confidence))]
+    for mask, colour, width_ in masks:
+        loops, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        scaled = [np.rint(loop * scale).astype(np.int32) for loop in loops]
+        cv2.drawContours(picture, scaled, -1, colour, width_, cv2.LINE_AA)
+    tile = np.full((height, width, 3), 255, np.uint8)
+    tile[: picture.shape[0], : picture.shape[1]] = picture
+    return tile
 
 
 def _total(found: Found) -> dict:

@@ -156,7 +156,7 @@ FILE_EDITS = tuple(
     Command(name, about, f"physgen {name} scene.yaml {example}", partial(_add_file_edit, extra), edit_file)
     for name, about, example, extra in (
         ("rename", "Renames an object, wherever the scene names it.", "ball-1 cue-ball", ["to"]),
-        ("merge", "Makes one object of two, under the name of the first.", "crane-1 crane-2", []),
+        ("merge", "Makes one object of two, under the name of the first.", "mug-1 mug-2", []),
         ("remove", "Removes objects from a scene and from the picture.", "ball-2", []),
         ("layer", "Sets the order in which an object is drawn.", "bowl 1", ["layer"]),
     )

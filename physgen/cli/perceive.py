@@ -41,12 +41,13 @@ def perceive(options: argparse.Namespace) -> int:
     }
     if options.refresh:
         _refuse_beside_refresh(options)
-        if options.output is None:
+        output = options.output or options.refresh
+        if output.suffix not in (".yaml", ".yml"):
             fix = "name the new scene file, which gets its maps beside it: -o NEW.yaml"
             raise InputError.of("perceive", "--refresh", "needs -o", fix)
         from physgen.pipeline.perceiving import refresh
 
-        text = refresh(options.refresh, options.output, allow_outside=options.allow_outside, **settings)
+        text = refresh(options.refresh, output, allow_outside=options.allow_outside, **settings)
     elif not options.image:
         raise InputError.of("perceive", "", "was given no photo", "name one, or a scene: --refresh SCENE")
     else:
@@ -188,8 +189,8 @@ def add_perceive(parser: Parser) -> None:
     about = "the photo; several photos go into the folder of -o"
     parser.add_argument("image", metavar="IMAGE", type=Path, nargs="*", help=about)
     about = (
-        "perceive a scene's photo again: values in the scene are kept, its boxes and points are used again, and new "
-        "--box and --point correct or add objects"
+        "perceive a scene's photo again, in place unless -o names another file: values in the scene are kept, its "
+        "boxes and points are used again, and new --box and --point correct or add objects"
     )
     parser.option("--refresh", "SCENE", Path, about)
     parser.flag("--allow-outside", "with --refresh: the scene may read files outside its folder")

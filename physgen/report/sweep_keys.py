@@ -67,7 +67,8 @@ def swept_keys(clips: Sequence[Clip]) -> list[SweptKey]:
         made = [value for value, clip in zip(values, clips, strict=True) if clip.document]
         split = tuple(made.index(value) for value in made)
         name = " ".join(short).replace("_", " ")
-        found.append(SweptKey(key, name, unit(path), tuple(values), split in splits))
+        plain = not any(isinstance(value, str) for value in values)  # a text has a unit of its own
+        found.append(SweptKey(key, name, unit(path) if plain else "", tuple(values), split in splits))
         splits.add(split)
     return found
 

@@ -121,7 +121,7 @@ def stage() -> Stage:
 
     return Stage(
         "curling",
-        "Red's last stone comes in at take-out weight, slowly turning, at the yellow stone nearest to it,\n"
+        "Red's last stone comes in fast, slowly turning, at the yellow stone nearest to it,\n"
         "and that one has a neighbour behind it: will both be gone? Aim it by objects.red-1.velocity;\n"
         "a broom would make world.table.friction smaller.",
         camera,

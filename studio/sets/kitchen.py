@@ -625,7 +625,7 @@ def sections(camera: Camera) -> dict:
         "comments": {
             "forces[0].impulse": "a push of 0.28 N s",
             "render": "half speed",
-            "variants.gentle-push": "takes the cork along, and the salt shaker falls into the egg's arms",
+            "variants.gentle-push": "takes the cork along, and the salt shaker leans on the egg",
             "variants.no-carton": "the board has nothing to lean on",
             "variants.no-apple": "the pile has nothing to stand on",
         },
