@@ -292,11 +292,15 @@ def test_a_scale_that_motions_were_made_for_stays(scene: Path) -> None:
         assert (refreshed(scene)[0].world.pixels_per_meter == 600) is stays
 
 
-def test_a_refreshed_scene_needs_a_place(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    before = {path.name: path.read_bytes() for path in scene.parent.rglob("*") if path.is_file()}
-    assert main(["perceive", "--refresh", str(scene)]) == 2
+def test_a_scene_is_refreshed_in_place(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = scene.read_text()
+    scene.write_text(before + "# mine\n")
+    assert main(["perceive", "--refresh", str(scene)]) == 0
+    assert "# mine" in scene.read_text()
+    assert scene.with_name(f"{scene.name}~").read_text() == before + "# mine\n"
+    pack = scene.with_suffix(".physgen")
+    assert main(["perceive", "--refresh", str(pack)]) == 2
     assert "-o NEW.yaml" in capsys.readouterr().err
-    assert before == {path.name: path.read_bytes() for path in scene.parent.rglob("*") if path.is_file()}
 
 
 @pytest.mark.slow
