@@ -45,24 +45,15 @@ def moment(factor: float) -> Simulate:
     return bodies(lambda b: replace(b, moment=b.moment * factor))
 
 
-def joints(**factors: float) -> Simulate:
+def scaled(what: str, **factors: float) -> Simulate:
+    """The joints or the fields of the world."""
+
     def change(world: World) -> World:
         changed = (
-            replace(joint, **{key: getattr(joint, key) * factor for key, factor in factors.items()})
-            for joint in world.joints
+            replace(one, **{key: getattr(one, key) * factor for key, factor in factors.items()})
+            for one in getattr(world, what)
         )
-        return replace(world, joints=tuple(changed))
-
-    return in_another_world(change)
-
-
-def fields(**factors: float) -> Simulate:
-    def change(world: World) -> World:
-        changed = (
-            replace(field, **{key: getattr(field, key) * factor for key, factor in factors.items()})
-            for field in world.fields
-        )
-        return replace(world, fields=tuple(changed))
+        return replace(world, **{what: tuple(changed)})
 
     return in_another_world(change)
 
@@ -125,10 +116,10 @@ WRONG: dict[int, Simulate] = {
     13: elasticity(0.97), 14: elasticity(0.9999), 15: in_another_world(aside), 16: asleep,
     17: in_another_world(slowed_under_four_g), 18: friction(1.006), 19: friction(1.02), 20: friction(1.04),
     21: bodies(lambda b: replace(b, roll=b.roll * 1.2)), 22: pushes(1.002), 23: shaken, 24: through_walls, 25: asleep,
-    26: friction(1.02), 27: forgetful, 28: gravity(1.02), 29: joints(stiffness=1.02, damping=1.2),
-    30: friction(1.006), 31: friction(1.006), 32: moment(1.02), 33: gravity(1.006), 34: joints(limit=1.006),
-    35: fields(drag=1.05), 36: fields(strength=1.006), 37: moment(1.1), 38: friction(1.006), 39: moment(1.02),
-    40: gravity(1.004),
+    26: friction(1.02), 27: forgetful, 28: gravity(1.02), 29: scaled("joints", stiffness=1.02, damping=1.2),
+    30: friction(1.006), 31: friction(1.006), 32: moment(1.02), 33: gravity(1.006), 34: scaled("joints", limit=1.006),
+    35: scaled("fields", drag=1.05), 36: scaled("fields", strength=1.006), 37: moment(1.1), 38: friction(1.006),
+    39: moment(1.02), 40: gravity(1.004),
 }  # fmt: skip
 """By row. Surfaces of bodies change, those of walls do not: a coefficient between the two changes as written."""
 
@@ -160,10 +151,10 @@ GROSSLY_WRONG: dict[str, tuple[Simulate, ...]] = {
     "oblique": (elasticity(0.9), in_another_world(smaller)),
     "pyramid": (asleep, in_another_world(tilted)),
     "struck-ball": (bodies(lambda b: replace(b, roll=b.roll * 1.2)),),
-    "springs": (joints(stiffness=1.02, damping=1.2),),
+    "springs": (scaled("joints", stiffness=1.02, damping=1.2),),
     "spin-transfer": (moment(1.1), friction(1.1)),
     "see-saw": (in_another_world(tilted), gravity(1.1)),
-    "orbits": (fields(strength=1.1),),
+    "orbits": (scaled("fields", strength=1.1),),
     "weld": (moment(1.1), elasticity(0.9)),
 }
 

@@ -5,13 +5,11 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import re
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
-from urllib.parse import unquote, urlsplit
 
 import cv2
 import numpy as np
@@ -86,18 +84,6 @@ def test_runs_and_jobs_give_the_same_bytes(lesson: Path, tmp_path: Path) -> None
         for file in ("video.mp4", "trajectory.npz"):
             assert (tmp_path / "a" / name / file).read_bytes() == (tmp_path / "b" / name / file).read_bytes()
     assert (tmp_path / "a" / "index.html").read_text().count('class="open" href') == 2
-
-
-def test_variants_are_rendered_beside_the_scene(lesson: Path, tmp_path: Path, capsys) -> None:
-    assert main(["render", str(lesson), "-o", str(tmp_path / "out"), "--variant", "all", "--json"]) == 0
-    *lines, last = map(json.loads, capsys.readouterr().out.splitlines())
-    assert [(line["clip"], line["state"]) for line in lines] == [("lesson", "made"), ("lesson-heavy", "made")]
-    assert [Path(line["folder"]).name for line in lines] == ["lesson", "lesson-heavy"]
-    assert (last["clips"], last["failed"], last["passed"]) == (2, 0, True)
-    a, b = (
-        read_trajectory(tmp_path / "out" / name / "trajectory.npz") for name in ("lesson", "lesson-heavy")
-    )
-    assert b.poses[-1, 1, 0] > a.poses[-1, 1, 0] > 110.5  # the heavier ball drives the crate farther
 
 
 def test_two_scenes_of_one_name_are_refused(lesson: Path, tmp_path: Path, capsys) -> None:
@@ -301,35 +287,6 @@ def test_a_command_imports_only_what_it_uses() -> None:
         "av",
         "jinja2",
     }
-
-
-def test_a_pipe_sees_no_progress(lesson: Path, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "physgen", "render", str(lesson), "-o", str(tmp_path / "out")]
-    run = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert run.stdout == f"{tmp_path / 'out' / 'lesson'}\n"
-    assert run.stderr == ""
-
-
-def test_the_gallery_shows_ours_alone_and_every_link_leads_somewhere(lesson: Path, tmp_path: Path) -> None:
-    odd = tmp_path / "50% a#b.yaml"
-    odd.write_text(LESSON)
-    out = tmp_path / "out"
-    for name in ("foreign", ".lesson.1.part"):
-        (out / name).mkdir(parents=True)
-        (out / name / "manifest.json").write_text("{}")
-    assert main(["render", str(lesson), str(odd), "-o", str(out)]) == 0
-    links = re.findall(r'(?:href|src)="(\./[^"]+)"', (out / "index.html").read_text())
-    assert len(links) == 6, "two cards, and one on top"
-    for link in links:
-        assert (out / unquote(urlsplit(link).path)).is_file()
-
-
-def test_the_manifest_names_every_file_that_was_read(lesson: Path, tmp_path: Path) -> None:
-    child = tmp_path / "child.yaml"
-    child.write_text("extends: lesson.yaml\nphysgen: 1\nworld: {duration: 0.1}\n")
-    assert main(["render", str(child), "-o", str(tmp_path / "out")]) == 0
-    manifest = json.loads((tmp_path / "out" / "child" / "manifest.json").read_text())
-    assert set(manifest["inputs"]) == {"child.yaml", "lesson.yaml"}
 
 
 @pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM])

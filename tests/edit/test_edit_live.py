@@ -103,18 +103,6 @@ def test_a_push_is_seen_as_newton_has_it(tmp_path: Path) -> None:
     assert t[0] == 0
 
 
-def test_an_error_has_a_line_an_object_and_no_motion(tmp_path: Path) -> None:
-    live = Live(scene(tmp_path, FREE % ""))
-    look = live.look(FREE % ", friction: rough")
-    assert look.motion is None
-    assert look.scene is None
-    (problem,) = look.problems
-    assert (problem["severity"], problem["line"], problem["object"]) == ("error", 5, "ball")
-    assert FREE.split("\n")[4][problem["column"] - 1 :].startswith("%s") or problem["column"] > 60
-    assert live.look("objects: [").problems[0]["severity"] == "error"
-    assert live.look("physgen: 1\n" + "# " + "x" * 9_000_000).problems[0]["expected"] == "larger than 8 MiB"
-
-
 def test_lints_are_told_at_the_object_that_they_mean(tmp_path: Path) -> None:
     """In its entry alone; the line is where the key stands."""
     text = FREE % ", rolling: 0.1" + "forces:\n  - {object: box, force: [1, 0], start: 7}\n"

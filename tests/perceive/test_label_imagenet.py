@@ -1,4 +1,4 @@
-"""Names by the network: what is sure is written, a user's label wins, and two implementations agree."""
+"""Names by the network: what is sure is written, and two implementations agree."""
 
 from __future__ import annotations
 
@@ -116,16 +116,6 @@ def test_what_is_not_sure_is_named_by_shape(photo) -> None:
     assert entry["label"] == "ball"
     assert entry["from"]["label"].startswith("shape ")
     assert source(entry["from"]["label"]).sure == 0.5
-
-
-def test_a_users_label_wins(photo, tmp_path: Path) -> None:
-    rgb, labels = photo
-    found = perceive(rgb, from_masks(labels), renames=["tennis-ball-1=steel ball"])
-    cv2.imwrite(str(tmp_path / "photo.png"), rgb[..., ::-1])
-    steel, other = load_written(found, tmp_path).objects
-    assert (steel.label, other.label) == ("steel ball", "tennis ball")
-    assert "label" not in steel.provenance
-    assert steel.mass > 5 * other.mass
 
 
 def test_specks_are_not_shown_to_the_network(monkeypatch, photo) -> None:

@@ -27,93 +27,40 @@ def drawn(labels: NDArray[np.uint16]) -> NDArray[np.uint8]:
     return np.clip(cv2.GaussianBlur(rgb, (0, 0), 0.7) + grain, 0, 255).astype(np.uint8)
 
 
-def empty() -> NDArray[np.uint16]:
-    return np.zeros((SIZE[1], SIZE[0]), np.uint16)
-
-
-def box(labels: NDArray[np.uint16], i: int, x: int, y: int, w: int, h: int) -> None:
-    labels[y : y + h, x : x + w] = i
-
-
-def at_the_border() -> NDArray[np.uint16]:
-    labels = empty()
-    box(labels, 1, 0, 90, 30, 50)
-    box(labels, 2, 100, 90, 40, 50)
-    box(labels, 3, 220, 140, 20, 20)
+def boxes(*rows: tuple[int, int, int, int, int]) -> NDArray[np.uint16]:
+    """Of the id, the left, the top, the width and the height of each box; the id 0 is a hole."""
+    labels = np.zeros((SIZE[1], SIZE[0]), np.uint16)
+    for i, x, y, w, h in rows:
+        labels[y : y + h, x : x + w] = i
     return labels
 
 
-def all_over() -> NDArray[np.uint16]:
-    return np.full_like(empty(), 1)
+MASKS = {
+    "at the border": boxes((1, 0, 90, 30, 50), (2, 100, 90, 40, 50), (3, 220, 140, 20, 20)),
+    "all over": boxes((1, 0, 0, *SIZE)),
+    "with holes": boxes((1, 60, 60, 80, 80), (0, 75, 75, 20, 20), (0, 105, 105, 20, 20)),
+    "in ten parts": boxes(*((1, 20 + 20 * k, 110 - 4 * (k % 3), 12, 30 + 4 * (k % 3)) for k in range(10))),
+    "one pixel": boxes((1, 60, 90, 40, 50), (2, 150, 100, 1, 1)),
+    "gaps in the ids": boxes((7, 40, 100, 30, 40), (900, 100, 100, 30, 40), (65535, 160, 100, 30, 40)),
+    "one in another": boxes((1, 60, 60, 90, 80), (2, 85, 85, 30, 30)),
+    "thin": boxes((1, 40, 60, 2, 80), (2, 80, 138, 100, 2), (3, 200, 40, 1, 90), (4, 60, 20, 80, 1)),
+    "thin frame": boxes((1, 60, 60, 80, 70), (0, 66, 66, 68, 63)),
+}
 
 
-def with_holes() -> NDArray[np.uint16]:
-    labels = empty()
-    box(labels, 1, 60, 60, 80, 80)
-    box(labels, 0, 75, 75, 20, 20)
-    box(labels, 0, 105, 105, 20, 20)
-    return labels
-
-
-def in_ten_parts() -> NDArray[np.uint16]:
-    labels = empty()
-    for k in range(10):
-        box(labels, 1, 20 + 20 * k, 110 - 4 * (k % 3), 12, 30 + 4 * (k % 3))
-    return labels
-
-
-def one_pixel() -> NDArray[np.uint16]:
-    labels = empty()
-    box(labels, 1, 60, 90, 40, 50)
-    box(labels, 2, 150, 100, 1, 1)
-    return labels
-
-
-def gaps_in_the_ids() -> NDArray[np.uint16]:
-    labels = empty()
-    box(labels, 7, 40, 100, 30, 40)
-    box(labels, 900, 100, 100, 30, 40)
-    box(labels, 65535, 160, 100, 30, 40)
-    return labels
-
-
-def one_in_another() -> NDArray[np.uint16]:
-    labels = empty()
-    box(labels, 1, 60, 60, 90, 80)
-    box(labels, 2, 85, 85, 30, 30)
-    return labels
-
-
-def thin() -> NDArray[np.uint16]:
-    labels = empty()
-    box(labels, 1, 40, 60, 2, 80)
-    box(labels, 2, 80, 138, 100, 2)
-    box(labels, 3, 200, 40, 1, 90)
-    box(labels, 4, 60, 20, 80, 1)
-    return labels
-
-
-def thin_frame() -> NDArray[np.uint16]:
-    labels = empty()
-    box(labels, 1, 60, 60, 80, 70)
-    box(labels, 0, 66, 66, 68, 63)
-    return labels
-
-
-MASKS = (
-    at_the_border, all_over, with_holes, in_ten_parts, one_pixel, gaps_in_the_ids, one_in_another, thin, thin_frame,
-)  # fmt: skip
+def perceived(labels: NDArray[np.uint16], folder: Path, *flags: str) -> Path:
+    cv2.imwrite(str(folder / "photo.png"), drawn(labels)[..., ::-1])
+    cv2.imwrite(str(folder / "masks.png"), labels)
+    path = folder / "scene.yaml"
+    given = ["perceive", str(folder / "photo.png"), "--masks", str(folder / "masks.png"), "-o", str(path)]
+    assert main([*given, *flags]) == 0
+    return path
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("shown", MASKS, ids=lambda shown: shown.__name__)
-def test_a_sensible_scene_comes_of_odd_masks_and_stands_still(shown, tmp_path: Path) -> None:
-    labels = shown()
-    cv2.imwrite(str(tmp_path / "photo.png"), drawn(labels)[..., ::-1])
-    cv2.imwrite(str(tmp_path / "masks.png"), labels)
-    path = tmp_path / "scene.yaml"
-    given = ["perceive", str(tmp_path / "photo.png"), "--masks", str(tmp_path / "masks.png"), "-o", str(path)]
-    assert main([*given, "--still"]) == 0
+@pytest.mark.parametrize("labels", MASKS.values(), ids=MASKS)
+def test_a_sensible_scene_comes_of_odd_masks_and_stands_still(labels, tmp_path: Path) -> None:
+    path = perceived(labels, tmp_path, "--still")
     scene = pipeline.load(path)
     assert main(["check", str(path), "--strict"]) == 0
     large = [i for i in np.unique(labels[labels > 0]) if (labels == i).sum() >= 12]
@@ -125,13 +72,6 @@ def test_a_sensible_scene_comes_of_odd_masks_and_stands_still(shown, tmp_path: P
 
 @pytest.mark.parametrize("size", [(3, 4), (6, 2)], ids=lambda size: f"{size[0]}x{size[1]}")
 def test_a_few_px_stand_on_a_level_floor(size: tuple[int, int], tmp_path: Path) -> None:
-    labels = empty()
-    box(labels, 1, 60, 90, 40, 50)
-    box(labels, 2, 150, 100, *size)
-    cv2.imwrite(str(tmp_path / "photo.png"), drawn(labels)[..., ::-1])
-    cv2.imwrite(str(tmp_path / "masks.png"), labels)
-    path = tmp_path / "scene.yaml"
-    given = ["perceive", str(tmp_path / "photo.png"), "--masks", str(tmp_path / "masks.png"), "-o", str(path)]
-    assert main(given) == 0
+    path = perceived(boxes((1, 60, 90, 40, 50), (2, 150, 100, *size)), tmp_path)
     assert main(["check", "--strict", str(path)]) == 0
     assert not any(wall.name.startswith("slope") for wall in pipeline.load(path).boundaries)

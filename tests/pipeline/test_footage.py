@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from physgen import pipeline
-from physgen.pipeline.cache import SUFFIX, Store
+from physgen.pipeline.cache import Store
 from physgen.pipeline.footage import Add, Footage, footage
 from physgen.simulate.trajectory import Trajectory
 
@@ -78,15 +78,6 @@ def test_nothing_is_lost(kind: str, motion: Trajectory, tmp_path: Path) -> None:
         with pytest.raises(IndexError):
             found.rgb[len(film.frames)]
     assert film.calls == 1
-
-
-def test_a_damaged_one_is_filmed_again(motion: Trajectory, tmp_path: Path) -> None:
-    store, film = Store(tmp_path), Film(pictures("photo"), motion)
-    footage(store, "guidance-a", film)
-    path = tmp_path / f"guidance-a{SUFFIX}"
-    path.write_bytes(path.read_bytes()[:-5])
-    assert film.agrees(footage(store, "guidance-a", film))
-    assert film.calls == 2
 
 
 def test_nothing_is_kept_of_a_clip_that_failed_or_whose_inputs_changed(

@@ -69,16 +69,6 @@ def go(seen: Any, hash: str) -> None:
     seen.drawn()
 
 
-def seek(seen: Any, time: float) -> None:
-    """The slider, moved by hand."""
-    seen.page.evaluate(
-        "t => { const s = document.querySelector('[data-part=seek]');"
-        " s.value = t; s.dispatchEvent(new Event('input', {bubbles: true})); }",
-        time,
-    )
-    seen.drawn()
-
-
 def shown(seen: Any) -> list[str]:
     return list(seen.page.evaluate(SHOWN))
 

@@ -13,7 +13,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from physgen.problems import InputError
-from physgen.scene.document import Node, Source
+from physgen.scene.document import Node, Source, plain, read
 from physgen.scene.load import load
 from physgen.scene.schema import published
 from physgen.scene.validate import Findings, TooManyError, check_schema
@@ -21,68 +21,10 @@ from physgen.scene.validate import Findings, TooManyError, check_schema
 SOURCE = Source("scene.yaml", Path())
 ORACLE = jsonschema.Draft202012Validator(published())
 
-SCENE: dict[str, Any] = {
-    "physgen": 1,
-    "image": "photo.png",
-    "size": [512, 512],
-    "maps": {"depth": [0, 10]},
-    "world": {"view": "top", "gravity": [0, 980], "table": {"friction": 0.2}, "duration": 2.0},
-    "objects": {
-        "a": {"mask": 1, "shape": {"circle": {"center": [4, 5], "radius": 3}}, "mass": 170, "roll": [1, 2]},
-        "b": {
-            "mask": {"polygon": [[0, 0], [9, 0], [0, 9]]},
-            "shape": "auto",
-            "roll": "none",
-            "from": {"mass": "x"},
-        },
-        "c": {
-            "mask": {"rle": {"size": [2, 2], "counts": [1, 3]}},
-            "motion": {"path": [[0, 1, 2], [1, 2, 3, 4]]},
-        },
-        "d": {
-            "shape": {
-                "polygons": [{"outline": [[0, 0], [9, 0], [0, 9]], "holes": [[[1, 1], [2, 1], [1, 2]]]}]
-            }
-        },
-        "e": {
-            "shape": {"box": {"center": [1, 2], "size": [3, 4], "angle": 5}},
-            "motion": "static",
-            "solid": "plate",
-        },
-    },
-    "boundaries": {
-        "floor": {"segment": [[0, 1], [2, 3]]},
-        "wall": {"polyline": [[0, 1], [2, 3], [4, 5]]},
-        "hill": {"mask": 7, "friction": 0.3},
-        "mound": {"mask": {"polygon": [[0, 0], [9, 0], [0, 9]]}},
-    },
-    "forces": [{"object": "a", "impulse": [1, 2]}, {"object": "b", "torque": 3, "start": 1, "duration": 2}],
-    "joints": {
-        "hinge": {"objects": ["a"], "pivot": [1, 2]},
-        "spring": {
-            "objects": ["a", "b"],
-            "spring": [[1, 2], [3, 4]],
-            "stiffness": 5,
-            "damping": 6,
-            "length": 7,
-        },
-        "glue": {"objects": ["a", "c"], "weld": [1, 2], "collide": True},
-        "drive": {"objects": ["a", "d"], "motor": [1, 2], "speed": 3, "limit": 4},
-    },
-    "fields": {
-        "breeze": {"wind": [1, 2], "drag": 3, "objects": ["a"]},
-        "magnet": {"attractor": [1, 2], "strength": 3, "soften": 4},
-    },
-    "light": {"direction": [0, 0, 1]},
-    "render": {
-        "fps": 30,
-        "relight": True,
-        "size": [3, 4],
-        "camera": [{"time": 0, "center": [1, 2]}, {"time": 1, "follow": "a", "zoom": 2}],
-    },
-    "refine": {"backend": "none", "seed": 3},
-    "variants": {"v": {"objects.a.mass": 3}},
-}
+FULL = Path(__file__).with_name("full.yaml").read_bytes()
+SCENE: dict[str, Any] = plain(read(FULL.decode(), SOURCE)) | {"image": "photo.png"}
+SCENE["objects"]["kite"]["mask"] = 1
+"""Every key that there is, and a mask of each kind."""
 
 KEYS = [
     "physgen",
@@ -204,9 +146,6 @@ def outcome(path: Path) -> str:
     except InputError as error:
         return str(error)
     return "a scene"
-
-
-FULL = Path(__file__).with_name("full.yaml").read_bytes()
 
 
 @settings(max_examples=100)

@@ -10,77 +10,32 @@ from physgen.scene.scene import Combine, Motion, Solid, View
 GRAVITY = 980.0
 
 
-def ball(
-    name,
-    x,
-    y,
-    r=20.0,
-    mass=100.0,
-    v=(0.0, 0.0),
-    e=0.8,
-    mu=0.5,
-    k=0.5,
-    spin=0.0,
-    motion=Motion.DYNAMIC,
-    path=(),
-    solid=Solid.DISC,
-    rolling=0.0,
-    roll=(0.0, 0.0),
-):
-    patch = r
+def body(name, x, y, mass, surface, v=(0.0, 0.0), roll=(0.0, 0.0), path=(), **more):
+    usual = {"spin": 0.0, "motion": Motion.DYNAMIC, "rolling": 0.0}
     return Body(
         name=name,
-        motion=motion,
         center=np.array([x, y], float),
         mass=mass,
-        moment=k * mass * r * r,
-        radius=r,
-        pieces=(),
-        rings=(),
-        surface=surface(mu, e, Combine.GEOMETRIC),
-        solid=solid,
-        rolling=rolling,
-        patch=patch,
+        surface=surface,
         roll=np.array(roll, float),
         velocity=np.array(v, float),
-        spin=spin,
         path=np.array(path, float).reshape(-1, 4),
+        **(usual | more),
     )
 
 
-def box(
-    name,
-    x,
-    y,
-    w=40.0,
-    h=40.0,
-    mass=100.0,
-    v=(0.0, 0.0),
-    e=0.4,
-    mu=0.5,
-    spin=0.0,
-    motion=Motion.DYNAMIC,
-    path=(),
-):
-    solid, rolling, roll, patch = Solid.PLATE, 0.0, (0.0, 0.0), 0.57 * min(w, h)
+def ball(name, x, y, r=20.0, mass=100.0, e=0.8, mu=0.5, k=0.5, solid=Solid.DISC, **more):
+    rough = surface(mu, e, Combine.GEOMETRIC)
+    shape = {"radius": r, "pieces": (), "rings": (), "patch": r}
+    return body(name, x, y, mass, rough, moment=k * mass * r * r, solid=solid, **shape, **more)
+
+
+def box(name, x, y, w=40.0, h=40.0, mass=100.0, e=0.4, mu=0.5, **more):
+    rough = surface(mu, e, Combine.GEOMETRIC)
     piece = np.array([[-w, -h], [w, -h], [w, h], [-w, h]]) / 2
-    return Body(
-        name=name,
-        motion=motion,
-        center=np.array([x, y], float),
-        mass=mass,
-        moment=mass * (w * w + h * h) / 12,
-        radius=None,
-        pieces=(piece,),
-        rings=(piece,),
-        surface=surface(mu, e, Combine.GEOMETRIC),
-        solid=solid,
-        rolling=rolling,
-        patch=patch,
-        roll=np.array(roll, float),
-        velocity=np.array(v, float),
-        spin=spin,
-        path=np.array(path, float).reshape(-1, 4),
+    shape = {"radius": None, "pieces": (piece,), "rings": (piece,), "patch": 0.57 * min(w, h)}
+    return body(
+        name, x, y, mass, rough, moment=mass * (w * w + h * h) / 12, solid=Solid.PLATE, **shape, **more
     )
 
 

@@ -7,7 +7,7 @@ import io
 import os
 import re
 import socket
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -97,7 +97,7 @@ def play(case: Case, folder: Path) -> Seen:
         told_to = {"PHYSGEN_VLM_URL": url, "PHYSGEN_VLM_MODEL": "stub", "PHYSGEN_VLM_KEY": stub.KEY}
         with (
             mock.patch.object(vlm, "VLM", TRIES),
-            _environment(told_to | {"XDG_CACHE_HOME": str(folder / "cache")}),
+            mock.patch.dict(os.environ, told_to | {"XDG_CACHE_HOME": str(folder / "cache")}),
             contextlib.redirect_stderr(told),
         ):
             code = main(words)
@@ -112,14 +112,3 @@ def _closed() -> int:
     with socket.socket() as one:
         one.bind(("127.0.0.1", 0))
         return int(one.getsockname()[1])
-
-
-@contextlib.contextmanager
-def _environment(changes: Mapping[str, str]) -> Iterator[None]:
-    before = dict(os.environ)
-    os.environ.update(changes)
-    try:
-        yield
-    finally:
-        os.environ.clear()
-        os.environ.update(before)
