@@ -5,12 +5,14 @@ from __future__ import annotations
 import io
 import os
 import shutil
+from base64 import b64decode
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
@@ -220,6 +222,28 @@ def ball(seen: Any) -> tuple[np.ndarray, np.ndarray]:
 def fallen(time: float) -> tuple[float, float]:
     """Where the ball is before it lands."""
     return 60 + V * time, 50 + G * time**2 / 2
+
+
+def picture(uri: str) -> np.ndarray:
+    """(h, w, 4) of a data URI."""
+    from PIL import Image
+
+    return np.asarray(Image.open(io.BytesIO(b64decode(uri.partition(",")[2]))).convert("RGBA"), np.float64)
+
+
+def lay(canvas: np.ndarray, row: dict[str, Any]) -> None:
+    """A cut-out or a shadow on a canvas (H, W, 3), as browsers do: coverage times colour codes."""
+    left, top, wide, high = (round(v + e) for v, e in zip(row["box"], (0.5, 0.5, 0, 0), strict=True))
+    drawn = cv2.resize(picture(row["src"]), (wide, high), interpolation=cv2.INTER_LINEAR)
+    y0, x0, y1, x1 = (
+        max(top, 0),
+        max(left, 0),
+        min(top + high, len(canvas)),
+        min(left + wide, canvas.shape[1]),
+    )
+    part = drawn[y0 - top : y1 - top, x0 - left : x1 - left]
+    alpha = part[..., 3:] / 255
+    canvas[y0:y1, x0:x1] = alpha * part[..., :3] + (1 - alpha) * canvas[y0:y1, x0:x1]
 
 
 CELL, COARSEST = 8, 16

@@ -376,6 +376,8 @@ def test_photos_too_small_for_an_object(
         assert code == 2
         assert "is too small to find objects in; use a photo of at least 8 px a side" in told
         assert not (tmp_path / "s.yaml").exists()
+        assert main(["perceive", str(tmp_path / "p.png"), "--masks", str(tmp_path / "p.png")]) == 2
+        assert "is too small to find objects in" in capsys.readouterr().err
     else:
         assert code == 0  # it hardly suits
         assert "no region of the photo looks like" in (tmp_path / "s.yaml").read_text()

@@ -24,11 +24,15 @@ def pictures(out: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in (out / "index.files").iterdir()}
 
 
+def rendered(folder: Path, variant: str, scene: str = BALL) -> Path:
+    (folder / "scene.yaml").write_text(scene)
+    flags = ["--variant", variant, "--report", "none"]
+    assert main(["render", str(folder / "scene.yaml"), "-o", str(folder / "out"), *flags]) == 0
+    return folder / "out"
+
+
 def test_the_same_as_the_gallery_makes(tmp_path: Path) -> None:
-    (tmp_path / "scene.yaml").write_text(BALL)
-    out = tmp_path / "out"
-    flags = ["--variant", "all", "--report", "none"]
-    assert main(["render", str(tmp_path / "scene.yaml"), "-o", str(out), *flags]) == 0
+    out = rendered(tmp_path, "all")
     made, page = pictures(out), (out / "index.html").read_text()
     assert len(made) == 3
     shutil.rmtree(out / "index.files")
@@ -38,10 +42,7 @@ def test_the_same_as_the_gallery_makes(tmp_path: Path) -> None:
 
 
 def test_the_gallery_only_finds_them(tmp_path: Path) -> None:
-    (tmp_path / "scene.yaml").write_text(BALL)
-    out = tmp_path / "out"
-    flags = ["--variant", "slow", "--report", "none"]
-    assert main(["render", str(tmp_path / "scene.yaml"), "-o", str(out), *flags]) == 0
+    out = rendered(tmp_path, "slow")
     assert not (out / "index.files").exists()  # a single clip has no gallery
     home = next(path for path in out.iterdir() if path.is_dir())
     keep_pictures(home, out / "index.html")
@@ -51,15 +52,11 @@ def test_the_gallery_only_finds_them(tmp_path: Path) -> None:
 
 
 def test_what_a_killed_worker_left_goes(tmp_path: Path) -> None:
-    (tmp_path / "scene.yaml").write_text(BALL)
-    out = tmp_path / "out"
-    flags = ["--variant", "all", "--report", "none"]
-    assert main(["render", str(tmp_path / "scene.yaml"), "-o", str(out), *flags]) == 0
+    out = rendered(tmp_path, "all")
     picture = next((out / "index.files").iterdir())
 
     half = picture.with_name(f".{picture.name}.4194303-{machine_id()}.part")  # above any process number
     half.write_bytes(b"RIFF")
-    (tmp_path / "scene.yaml").write_text(BALL.replace("radius: 5", "radius: 6"))
-    assert main(["render", str(tmp_path / "scene.yaml"), "-o", str(out), *flags]) == 0
+    rendered(tmp_path, "all", BALL.replace("radius: 5", "radius: 6"))
     assert not half.exists()
     assert len(pictures(out)) == 3

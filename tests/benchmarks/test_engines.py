@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from physics.engines import ENGINES as TABLE
 from physics.engines import Unsupported, make
-from worlds import GRAVITY, ball, box, floor, push, world
+from worlds import GRAVITY, ball, box, floor, pin, push, world
 
-from physgen.compile.world import Field, Joint, Wall, World, surface
+from physgen.compile.world import Field, Wall, World, surface
 from physgen.scene.scene import Combine, FieldKind, JointKind, Load, Motion, Solid
 from physgen.simulate.engine import simulate
 from physgen.simulate.trajectory import Trajectory
@@ -31,12 +31,6 @@ def run(engine: str, scene: World, rate: float = 60.0) -> Trajectory:
     """At samples that fall on every engine's steps."""
     times = np.arange(round(scene.duration * rate) + 1) / rate
     return simulate(scene, times) if engine == "ours" else make(engine)(scene, times)
-
-
-def joint(kind: JointKind, first_at=(0.0, 0.0), second_at=(0.0, 0.0), second=None, **keys: float) -> Joint:
-    known = {"length": 0.0, "stiffness": 0.0, "damping": 0.0, "speed": 0.0, "limit": np.inf} | keys
-    ends = np.array(first_at, float), np.array(second_at, float)
-    return Joint("joint", kind, 0, second, *ends, collide=False, **known)
 
 
 @dataclass(frozen=True)
@@ -73,9 +67,9 @@ def bars(ours: float, plain: float, box2d: float, mujoco: float) -> Mapping[str,
     return {"ours": ours, "plain": plain, "box2d": box2d, "mujoco": mujoco}
 
 
-SWING = {"joints": [joint(JointKind.PIVOT, first_at=(0, -100))], "duration": 5.0}
+SWING = {"joints": [pin(at=(0, -100))], "duration": 5.0}
 NUDGE = [push(Load.IMPULSE, (100 * 10.0, 0))]
-SPRUNG = [joint(JointKind.SPRING, length=100.0, stiffness=100 * 10.0**2, second_at=(-100, 0))]
+SPRUNG = [pin(kind=JointKind.SPRING, length=100.0, stiffness=100 * 10.0**2, to=(-100, 0))]
 PATH = [(0, 0, 0, 0), (0.5, 100, 0, 0), (2, 100, 0, 0)]
 
 # A rival's bar is a little above what it does: 1/60, 1/240 and 1/960 s of free fall are late by dt/t, springs lag
@@ -107,12 +101,12 @@ CHECKS = {
     ),
     "motor": Check(
         world(ball("a", 0, 0), ball("b", 60, 0), **FREE,
-              joints=[joint(JointKind.MOTOR, (30, 0), (-30, 0), second=1, speed=3.0)]),
+              joints=[pin(0, 1, (30, 0), (-30, 0), JointKind.MOTOR, speed=3.0)]),
         lambda t: float(t.velocities[-1, 0, 2] - t.velocities[-1, 1, 2]), 3.0, bars(1e-3, 1e-3, 1e-3, 1e-3),
     ),
     "weld": Check(
         world(box("a", 0, 0), box("b", 40, 0), pushes=[push(Load.IMPULSE, (0, 2e4))], **FREE,
-              joints=[joint(JointKind.WELD, (20, 0), (-20, 0), second=1)]),
+              joints=[pin(0, 1, (20, 0), (-20, 0), JointKind.WELD)]),
         last("velocities", 1, 2), -20 * 2e4 / (2 * (100 * 3200 / 12 + 100 * 20**2)), bars(2e-3, 2e-3, 0.012, 1e-3),
     ),
     "scripted body pushes": Check(

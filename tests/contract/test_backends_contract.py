@@ -23,7 +23,7 @@ from physgen.perceive.roles import (
     Segments,
     Shadows,
 )
-from physgen.photometry import DistantLight, decode
+from physgen.photometry import decode
 from physgen.refine.denoiser import Denoiser, PromptSettings
 from physgen.refine.fusion import Refinement, RefineSettings
 from physgen.scene.scene import View
@@ -129,15 +129,6 @@ def check_normals(run, rgb, labels, things):
             assert normals.dtype == np.float32
             assert np.linalg.norm(normals, axis=2) == pytest.approx(1, abs=1e-3)
             assert normals[..., 2].min() > -1e-3  # what is seen faces the viewer
-    if hasattr(run, "close"):  # a model: with random weights it knows nothing of balls
-        return
-    setting = registry.make("boundary")(rgb, labels, things, View.SIDE)
-    normals = run(rgb, labels, things, setting)
-    y, x = np.mgrid[: labels.shape[0], : labels.shape[1]]
-    u, v = (x - 45) / 20, (y - 75) / 20
-    inner = np.hypot(u, v) < 0.9
-    true = np.stack([u, v, np.sqrt(np.clip(1 - u * u - v * v, 0, 1))], -1)[inner]
-    assert (normals[inner] * true).sum(-1).min() > np.cos(np.radians(8))  # a ball is a sphere
 
 
 def check_intrinsic(run, rgb, labels, things):
@@ -199,7 +190,6 @@ def check_shadow(run, rgb, labels, things):
     coverage = (labels > 0).astype(np.float32)
     matter = registry.make("physics")(rgb, things, None)
     light = registry.make("light")(rgb, labels, things, *surfaces(rgb, labels, things))
-    y, x = np.mgrid[: labels.shape[0], : labels.shape[1]]
     for view in (View.SIDE, View.TOP):
         setting = registry.make("boundary")(rgb, labels, things, view)
         found = run(rgb, coverage, labels, things, matter, setting, light)
@@ -210,22 +200,6 @@ def check_shadow(run, rgb, labels, things):
         assert np.linalg.norm(found.light.direction) == pytest.approx(1)
         assert found.clean is None or (found.clean.shape == rgb.shape and found.clean.dtype == np.uint8)
         assert run(rgb, coverage, labels, [], matter, setting, light).clean is None
-    # a table with a shadow of the ball beside it: the light is found, and the shadow lifted
-    table = np.full(rgb.shape, (120, 130, 110), np.uint8)
-    shadow = cv2.GaussianBlur(np.clip(20.5 - np.hypot(x - 60, y - 88), 0, 1), (0, 0), 2)
-    seen = np.rint(table * (1 - 0.4 * shadow[..., None])).astype(np.uint8)
-    ball = np.where(labels == 1, labels, 0).astype(np.uint16)
-    setting = registry.make("boundary")(seen, ball, things[:1], View.TOP)
-    even = LightGuess(DistantLight((0.0, 0.0, 1.0), 0.8, 0.4), 0.1)
-    found = run(seen, (ball > 0).astype(np.float32), ball, things[:1], matter, setting, even)
-    assert found.clean is not None
-    assert found.light.direction[0] < -0.3
-    assert found.light.direction[1] < -0.2
-    outside = cv2.dilate((ball > 0).astype(np.uint8), np.ones((9, 9), np.uint8)) == 0
-    before, after = (
-        np.abs(p.astype(int) - table).max(-1)[outside & (shadow > 0.1)].mean() for p in (seen, found.clean)
-    )
-    assert after < 0.35 * before
 
 
 def maps(rgb, labels):

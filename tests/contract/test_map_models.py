@@ -18,7 +18,7 @@ from physgen.problems import InputError
 from physgen.registry import Backends, Setup, choices
 from physgen.registry import Plan as Chosen
 from tests.contract.test_backends_contract import photo
-from tests.contract.tiny_maps import MODELS, stable_diffusion
+from tests.contract.tiny_maps import MODELS, Trap, stable_diffusion
 from tests.perceive.lambertian import beyond_halos
 
 pytestmark = pytest.mark.slow
@@ -114,16 +114,6 @@ def test_pickled_weights_are_not_opened(tmp_path, tiny):
     with pytest.raises(InputError, match="safetensors"):
         asked("inpaint", registry.make("inpaint", "diffusion", Setup(str(path), "cpu")), photo()[0])
     assert not (tmp_path / "ran").exists()
-
-
-class Trap:
-    """Leaves a file where it is unpickled."""
-
-    def __init__(self, path: str) -> None:
-        self.path = path
-
-    def __reduce__(self):
-        return open, (self.path, "w")
 
 
 def test_what_the_safety_checker_withholds_is_refused(tiny, monkeypatch):

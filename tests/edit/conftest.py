@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from desk import Desk, seated
 from served import Killable, Served, behind_a_server, client
 
 SCENES = Path(__file__).parents[2] / "scenes"
@@ -45,6 +46,21 @@ def serving(copied: Callable[[str], Path]) -> Iterator[Callable[..., Served]]:
             return running.enter_context(behind_a_server(path, **told))
 
         yield serve
+
+
+@pytest.fixture
+def scene(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    """The test module's SCENE in a file of its own."""
+    path = tmp_path / "scene.yaml"
+    path.write_text(request.module.SCENE, encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def desk(browser: Any, serving: Callable[..., Served], scene: Path) -> Iterator[Desk]:
+    """The editor's page with that scene."""
+    with seated(browser, serving(scene).address) as page:
+        yield page
 
 
 @pytest.fixture

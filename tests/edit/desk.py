@@ -60,6 +60,15 @@ class Desk:
         )
         return np.array(rows)
 
+    def poses(self) -> dict[str, np.ndarray]:
+        """(T, 3) px, px, rad of each body at the video's frames, as the page has them."""
+        self.page.evaluate("() => window.editor.watched")
+        found = self.page.evaluate(
+            "() => { const { data } = window.editor.player.own;"
+            " return data.bodies.map(b => [b.name, data.frames.map(k => [b.x[k], b.y[k], b.a[k]])]); }"
+        )
+        return {name: np.array(rows) for name, rows in found}
+
     def at(self, point: Point) -> tuple[float, float]:
         """A point of the photo -> one of the window."""
         x, y = self.page.evaluate(

@@ -16,12 +16,21 @@ from typing import Any
 import httpx
 import numpy as np
 
+from physgen.cli.main import main
 from physgen.edit.app import Editor, application
+from physgen.simulate.trajectory import Trajectory, read_trajectory
 
 
 def unpacked(text: str) -> np.ndarray:
     """Numbers of a motion: little-endian float64, base64."""
     return np.frombuffer(b64decode(text), "<f8")
+
+
+def simulated(scene: Path, *flags: str) -> Trajectory:
+    """What `physgen simulate` says of the file as it is saved."""
+    out = scene.with_suffix(".npz")
+    assert main(["simulate", str(scene), "-o", str(out), *flags]) == 0
+    return read_trajectory(out)
 
 
 @cache

@@ -17,14 +17,7 @@ from physgen.edit.draft import BusyError, Draft, draft_folder
 from physgen.edit.session import EditRequest, History, Session, State
 from physgen.problems import EditError, InputError
 
-TEXT = "physgen: 1\nsize: [64, 48]\nobjects: {}\n"
-
-
-@pytest.fixture
-def scene(tmp_path: Path) -> Path:
-    path = tmp_path / "scene.yaml"
-    path.write_text(TEXT)
-    return path
+SCENE = "physgen: 1\nsize: [64, 48]\nobjects: {}\n"
 
 
 def write(session: Session, text: str, tag: str | None = None) -> None:
@@ -42,11 +35,11 @@ def save(session: Session) -> None:
 def test_edits_of_one_tag_are_one_step_until_one_is_saved_or_a_while_passed(scene) -> None:
     session = Session(scene)
     for number in range(3):
-        write(session, TEXT + f"# {number}\n", "row")
+        write(session, SCENE + f"# {number}\n", "row")
     save(session)
-    write(session, TEXT + "# later\n", "row")
+    write(session, SCENE + "# later\n", "row")
     step(session, -1)
-    assert session.now.text == TEXT + "# 2\n" == scene.read_text()
+    assert session.now.text == SCENE + "# 2\n" == scene.read_text()
     session.close()
     history = History([State("0")])
     for at, text in ((0, "1"), (4, "2"), (8, "3"), (14, "4")):
@@ -81,7 +74,7 @@ def test_a_folder_that_may_not_be_written_is_refused(scene, monkeypatch) -> None
 
 def test_a_full_disk_leaves_the_state_as_it_was(scene, monkeypatch) -> None:
     session = Session(scene)
-    write(session, TEXT + "# one\n")
+    write(session, SCENE + "# one\n")
     file = draft_folder(scene) / "draft.json"
     data = file.read_bytes()
 
@@ -90,19 +83,19 @@ def test_a_full_disk_leaves_the_state_as_it_was(scene, monkeypatch) -> None:
 
     monkeypatch.setattr(Path, "replace", full)
     with pytest.raises(OSError, match="No space"):
-        write(session, TEXT + "# two\n")
+        write(session, SCENE + "# two\n")
     with pytest.raises(OSError, match="No space"):
         step(session, -1)
     monkeypatch.undo()
-    assert session.now.text == TEXT + "# one\n"
+    assert session.now.text == SCENE + "# one\n"
     assert file.read_bytes() == data
-    write(session, TEXT + "# three\n")
+    write(session, SCENE + "# three\n")
     assert session.close() == draft_folder(scene)
     again = Session(scene)
     assert again.recovered
-    assert again.now.text == TEXT + "# three\n"
+    assert again.now.text == SCENE + "# three\n"
     step(again, -1)  # back to the saved file
-    assert again.now.text == TEXT
+    assert again.now.text == SCENE
     assert again.is_saved
     with pytest.raises(EditError, match="nothing to undo"):
         step(again, -1)
@@ -140,7 +133,7 @@ def test_a_draft_that_came_with_the_scene_leads_nowhere(scene, tmp_path) -> None
         (folder / name).symlink_to(precious)
     session = Session(scene)
     session.draft.listens("http://127.0.0.1:1/")
-    write(session, TEXT + "# one\n")
+    write(session, SCENE + "# one\n")
     session.close()
     assert not precious.exists()
     shutil.rmtree(folder)
@@ -152,14 +145,14 @@ def test_a_draft_that_came_with_the_scene_leads_nowhere(scene, tmp_path) -> None
 
 def test_a_draft_outlives_its_file(scene) -> None:
     session = Session(scene)
-    write(session, TEXT + "# mine\n")
+    write(session, SCENE + "# mine\n")
     session.close()
     os.unlink(scene)
     again = Session(scene)
     assert again.outside == "gone"
-    assert again.now.text == TEXT + "# mine\n"
+    assert again.now.text == SCENE + "# mine\n"
     save(again)
-    assert scene.read_text() == TEXT + "# mine\n"
+    assert scene.read_text() == SCENE + "# mine\n"
     assert again.close() is None
 
 
@@ -205,7 +198,7 @@ def test_killed_in_the_middle_of_edits_it_has_every_one_that_was_answered(
 def test_a_draft_that_was_removed_is_made_anew_and_held(scene) -> None:
     session = Session(scene)
     shutil.rmtree(draft_folder(scene))
-    write(session, TEXT + "# more\n")
+    write(session, SCENE + "# more\n")
     with pytest.raises(BusyError):
         Draft(scene)
     session.close()

@@ -31,12 +31,6 @@ boundaries: {floor: {segment: [[0, 220], [320, 220]]}}   # kept in one line
 """
 
 
-@pytest.fixture
-def scene(tmp_path: Path) -> Path:
-    (tmp_path / "scene.yaml").write_text(SCENE, encoding="utf-8")
-    return tmp_path / "scene.yaml"
-
-
 def edit(desk: Desk, path: str, value: object, *, wait: bool = True) -> None:
     """An edit as the page's panels make it."""
     desk.page.evaluate(
@@ -94,59 +88,54 @@ def test_a_killed_server_is_named_and_all_that_it_answered_is_kept(
         assert other.state["text"] == SCENE
 
 
-def test_leaving_with_work_that_is_not_saved_asks(
-    browser: Any, serving: Callable[..., Any], scene: Path
-) -> None:
-    with seated(browser, serving(scene).address) as desk:
-        asked: list[str] = []
-        desk.page.on("dialog", lambda d: (asked.append(d.type), d.dismiss()))
-        desk.page.click("#tab-yaml")
-        edit(desk, "objects.ball.mass", 75)
-        words(desk, "draft kept, not saved")
+def test_leaving_with_work_that_is_not_saved_asks(desk: Desk) -> None:
+    asked: list[str] = []
+    desk.page.on("dialog", lambda d: (asked.append(d.type), d.dismiss()))
+    desk.page.click("#tab-yaml")
+    edit(desk, "objects.ball.mass", 75)
+    words(desk, "draft kept, not saved")
+    desk.page.close(run_before_unload=True)
+    desk.page.wait_for_timeout(200)
+    assert asked == ["beforeunload"]
+    desk.page.keyboard.press("Control+s")
+    until(desk, "s.file.saved")
+    words(desk, "saved")
+    with desk.page.expect_event("close"):
         desk.page.close(run_before_unload=True)
-        desk.page.wait_for_timeout(200)
-        assert asked == ["beforeunload"]
-        desk.page.keyboard.press("Control+s")
-        until(desk, "s.file.saved")
-        words(desk, "saved")
-        with desk.page.expect_event("close"):
-            desk.page.close(run_before_unload=True)
-        assert asked == ["beforeunload"]
+    assert asked == ["beforeunload"]
 
 
-def test_what_another_program_writes_is_taken_or_asked_about(
-    browser: Any, serving: Callable[..., Any], scene: Path
-) -> None:
-    with seated(browser, serving(scene).address) as desk:
-        # nothing was done here: it is taken as it is
-        theirs = SCENE.replace("duration: 0.5", "duration: 0.7")
-        scene.write_text(theirs, encoding="utf-8")
-        assert "its text is shown now" in banner(desk, "taken")
-        until(desk, "s.scene.world.duration === 0.7 && s.file.saved")
-        # both changed it: asked, and the one that was not taken stays in the history
-        edit(desk, "objects.box.mass", 300)
-        scene.write_text(theirs.replace("mass: 200", "mass: 250"), encoding="utf-8")
-        assert "while you edited it" in banner(desk, "outside")
-        desk.page.click("text=Choose …")
-        desk.page.wait_for_selector("dialog[open]")
-        assert desk.grave("dialog") == []
-        desk.page.keyboard.press("Escape")  # not now
-        assert "mass: 250" in scene.read_text(encoding="utf-8")
-        desk.page.click("text=Choose …")
-        answer(desk, "theirs")
-        until(desk, "s.scene.objects.box.mass === 250 && s.file.outside === null")
-        desk.page.click("[data-part=undo]")
-        until(desk, "s.scene.objects.box.mass === 300")
-        desk.page.keyboard.press("Control+s")
-        until(desk, "s.file.saved")
-        assert "mass: 300" in scene.read_text(encoding="utf-8")
-        # gone altogether
-        scene.unlink()
-        assert "no longer in its folder" in banner(desk, "outside")
-        desk.page.click('[data-banner=outside] button:text-is("Save")')
-        until(desk, "s.file.saved && s.file.outside === null")
-        assert "mass: 300" in scene.read_text(encoding="utf-8")
-        assert desk.errors == []
+def test_what_another_program_writes_is_taken_or_asked_about(desk: Desk, scene: Path) -> None:
+    # nothing was done here: it is taken as it is
+    theirs = SCENE.replace("duration: 0.5", "duration: 0.7")
+    scene.write_text(theirs, encoding="utf-8")
+    assert "its text is shown now" in banner(desk, "taken")
+    until(desk, "s.scene.world.duration === 0.7 && s.file.saved")
+    assert desk.state["undo"] == "changed by another program"
+    # both changed it: asked, and the one that was not taken stays in the history
+    edit(desk, "objects.box.mass", 300)
+    scene.write_text(theirs.replace("mass: 200", "mass: 250"), encoding="utf-8")
+    assert "while you edited it" in banner(desk, "outside")
+    desk.page.click("text=Choose …")
+    desk.page.wait_for_selector("dialog[open]")
+    assert desk.grave("dialog") == []
+    desk.page.keyboard.press("Escape")  # not now
+    assert "mass: 250" in scene.read_text(encoding="utf-8")
+    desk.page.click("text=Choose …")
+    answer(desk, "theirs")
+    until(desk, "s.scene.objects.box.mass === 250 && s.file.outside === null")
+    desk.page.click("[data-part=undo]")
+    until(desk, "s.scene.objects.box.mass === 300")
+    desk.page.keyboard.press("Control+s")
+    until(desk, "s.file.saved")
+    assert "mass: 300" in scene.read_text(encoding="utf-8")
+    # gone altogether
+    scene.unlink()
+    assert "no longer in its folder" in banner(desk, "outside")
+    desk.page.click('[data-banner=outside] button:text-is("Save")')
+    until(desk, "s.file.saved && s.file.outside === null")
+    assert "mass: 300" in scene.read_text(encoding="utf-8")
+    assert desk.errors == []
 
 
 def test_variants_are_tabs(browser: Any, serving: Callable[..., Any], scene: Path) -> None:

@@ -10,12 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from served import unpacked
+from served import simulated, unpacked
 
-from physgen.cli.main import main
 from physgen.edit.live import COLUMNS, Live, Look, MotionStream
 from physgen.edit.operations import edited
-from physgen.simulate.trajectory import Trajectory, read_trajectory
 
 Copy = Callable[[str], Path]
 FREE = """\
@@ -51,13 +49,6 @@ def parts(live: Live, look: Look) -> tuple[np.ndarray, list[int]]:
     every = np.concatenate(found)
     assert len(every) == total
     return every, frames
-
-
-def simulated(path: Path, *flags: str) -> Trajectory:
-    """As the command line does it, of the file as it is saved."""
-    out = path.with_suffix(".npz")
-    assert main(["simulate", str(path), "-o", str(out), *flags]) == 0
-    return read_trajectory(out)
 
 
 @pytest.mark.parametrize(

@@ -108,23 +108,20 @@ def test_a_box_puts_a_wrong_mask_right(browser: Any, serving: Callable[..., Any]
     assert "label: red rubber ball" in scene.read_text(encoding="utf-8")
 
 
-def test_a_click_chooses_and_a_label_gives_the_keys_back(
-    browser: Any, serving: Callable[..., Any], scene: Path
-) -> None:
+def test_a_click_chooses_and_a_label_gives_the_keys_back(desk: Desk) -> None:
     """What was set by hand stays under another label, which is said; the keys are the tools' again after Enter."""
-    with seated(browser, serving(scene).address) as desk:
-        masking(desk, "box", None)
-        desk.click(CENTRE)
-        assert desk.page.evaluate("() => window.editor.selected") == {"kind": "object", "name": BALL}
-        desk.page.fill(".mask-label input", "steel ball")
-        desk.page.press(".mask-label input", "Enter")
-        done(desk)
-        assert "its numbers are unchanged" in desk.page.inner_text("[data-part=status]")
-        assert desk.page.inner_text("#panel-object .about") == "steel ball"
-        desk.page.keyboard.press("4")
-        assert desk.page.get_attribute("[data-way=eraser]", "aria-checked") == "true"
-        assert desk.state["scene"]["objects"][BALL]["label"] == "steel ball"
-        assert desk.errors == []
+    masking(desk, "box", None)
+    desk.click(CENTRE)
+    assert desk.page.evaluate("() => window.editor.selected") == {"kind": "object", "name": BALL}
+    desk.page.fill(".mask-label input", "steel ball")
+    desk.page.press(".mask-label input", "Enter")
+    done(desk)
+    assert "its numbers are unchanged" in desk.page.inner_text("[data-part=status]")
+    assert desk.page.inner_text("#panel-object .about") == "steel ball"
+    desk.page.keyboard.press("4")
+    assert desk.page.get_attribute("[data-way=eraser]", "aria-checked") == "true"
+    assert desk.state["scene"]["objects"][BALL]["label"] == "steel ball"
+    assert desk.errors == []
 
 
 def test_brush_and_eraser_take_what_they_touch(

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from base64 import b64decode
 from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import yaml
+from browser import lay, picture
 from PIL import Image
 
 from physgen import pipeline
@@ -26,27 +25,6 @@ def changed(text: str, *edits: str) -> str:
     return edited(text, ops).text
 
 
-def opened(uri: str) -> np.ndarray:
-    """Pixels of a data URI, (h, w, 3 or 4)."""
-    return np.asarray(Image.open(BytesIO(b64decode(uri.partition(",")[2]))))
-
-
-def over(canvas: np.ndarray, row: dict[str, Any]) -> None:
-    """Lay a picture on a canvas (H, W, 3) as browsers do: coverage times colour codes."""
-    picture = Image.open(BytesIO(b64decode(row["src"].partition(",")[2]))).convert("RGBA")
-    left, top, wide, high = (round(v + e) for v, e in zip(row["box"], (0.5, 0.5, 0, 0), strict=True))
-    drawn = np.asarray(picture.resize((wide, high), Image.Resampling.BILINEAR), np.float32)
-    y0, x0, y1, x1 = (
-        max(top, 0),
-        max(left, 0),
-        min(top + high, len(canvas)),
-        min(left + wide, canvas.shape[1]),
-    )
-    part = drawn[y0 - top : y1 - top, x0 - left : x1 - left]
-    alpha = part[..., 3:] / 255
-    canvas[y0:y1, x0:x1] = alpha * part[..., :3] + (1 - alpha) * canvas[y0:y1, x0:x1]
-
-
 def test_background_shadows_and_objects_are_the_photo_again(copied: Copy) -> None:
     """Read by another decoder and put together by hand, at t = 0: within a few levels of the photo, everywhere."""
     path = copied("kitchen")
@@ -58,16 +36,16 @@ def test_background_shadows_and_objects_are_the_photo_again(copied: Copy) -> Non
     assert seen is not None
     assert thrown is not None
     photo = np.asarray(Image.open(path.parent / "photo.png").convert("RGB"), np.float32)
-    canvas = opened(seen["background"])[..., :3].astype(np.float32)
+    canvas = picture(seen["background"])[..., :3].astype(np.float32)
     assert canvas.shape == photo.shape
     bare = canvas.copy()
     for row in thrown["shadows"]:
         first = row["keys"][0]
         if "src" in first:
-            over(canvas, first)
+            lay(canvas, first)
     shaded = canvas.copy()
     for row in seen["sprites"]:
-        over(canvas, row)
+        lay(canvas, row)
     assert np.abs(canvas - photo).mean() < 2.5
     assert np.abs(shaded - photo).mean() > 4 * np.abs(canvas - photo).mean(), (
         "objects are pictures of their own"

@@ -11,9 +11,7 @@ import pytest
 import yaml
 from browser import LOOKS, looks_like
 from desk import Desk, seated
-
-from physgen.cli.main import main
-from physgen.simulate.trajectory import read_trajectory
+from served import simulated
 
 pytestmark = pytest.mark.slow
 
@@ -41,22 +39,6 @@ forces:
 """
 
 
-@pytest.fixture
-def scene(tmp_path: Path) -> Path:
-    (tmp_path / "scene.yaml").write_text(SCENE, encoding="utf-8")
-    return tmp_path / "scene.yaml"
-
-
-def poses(desk: Desk) -> dict[str, np.ndarray]:
-    """(T, 3) px, px, rad of each body at the video's frames, as the page has them."""
-    desk.page.evaluate("() => window.editor.watched")
-    found = desk.page.evaluate(
-        "() => { const { data } = window.editor.player.own;"
-        " return data.bodies.map(b => [b.name, data.frames.map(k => [b.x[k], b.y[k], b.a[k]])]); }"
-    )
-    return {name: np.array(rows) for name, rows in found}
-
-
 def saved(desk: Desk, scene: Path) -> dict[str, Any]:
     """The file, after Save."""
     desk.settled()
@@ -65,100 +47,87 @@ def saved(desk: Desk, scene: Path) -> dict[str, Any]:
     return dict(yaml.safe_load(scene.read_text(encoding="utf-8")))
 
 
-def simulated(scene: Path, folder: Path) -> dict[str, np.ndarray]:
-    """What the command says of the file."""
-    out = folder / "said.npz"
-    assert main(["simulate", str(scene), "-o", str(out)]) == 0
-    said = read_trajectory(out)
-    return {name: said.poses[:, k] for k, name in enumerate(said.names)}
+def agreeing(desk: Desk, scene: Path) -> dict[str, np.ndarray]:
+    """Poses of the page, which are those of the command to the bit."""
+    shown, run = desk.poses(), simulated(scene)
+    assert shown.keys() == set(run.names)
+    for k, name in enumerate(run.names):
+        np.testing.assert_array_equal(shown[name], run.poses[:, k])
+    return shown
 
 
-def test_a_dragged_arrow_is_the_velocity_and_the_page_shows_the_true_motion(
-    browser: Any, serving: Callable[..., Any], scene: Path, tmp_path: Path
-) -> None:
-    with seated(browser, serving(scene).address) as desk:
-        desk.drag((120, 80), (160, 60), (200, 40))
-        desk.settled()
-        vx, vy = desk.state["scene"]["objects"]["ball"]["velocity"]
-        # as the arrow: as far right as it was dragged for each pixel as far up
-        assert vx > 0
-        assert vy == pytest.approx(-vx / 2, rel=0.06)
-        file = saved(desk, scene)
-        assert file["objects"]["ball"]["velocity"] == [vx, vy]
-        assert file["objects"]["ball"]["from"] == {"mass": "table 0.4"}  # a hand edit says nothing
-        assert "# it falls" in scene.read_text()
-        assert "# thrown by hand" in scene.read_text()
-        shown, said = poses(desk), simulated(scene, tmp_path)
-        assert shown.keys() == said.keys()
-        for name, way in said.items():
-            np.testing.assert_array_equal(shown[name], way)
-        # before it lands, a parabola
-        t = np.arange(4) / 30
-        np.testing.assert_allclose(shown["ball"][:4, 0], 120 + vx * t, atol=1e-6)
-        np.testing.assert_allclose(shown["ball"][:4, 1], 80 + vy * t + G * t**2 / 2, atol=0.2)
-        assert desk.errors == []
+def test_a_dragged_arrow_is_the_velocity_and_the_page_shows_the_true_motion(desk: Desk, scene: Path) -> None:
+    desk.drag((120, 80), (160, 60), (200, 40))
+    desk.settled()
+    vx, vy = desk.state["scene"]["objects"]["ball"]["velocity"]
+    # as the arrow: as far right as it was dragged for each pixel as far up
+    assert vx > 0
+    assert vy == pytest.approx(-vx / 2, rel=0.06)
+    file = saved(desk, scene)
+    assert file["objects"]["ball"]["velocity"] == [vx, vy]
+    assert file["objects"]["ball"]["from"] == {"mass": "table 0.4"}  # a hand edit says nothing
+    assert "# it falls" in scene.read_text()
+    assert "# thrown by hand" in scene.read_text()
+    shown = agreeing(desk, scene)
+    # before it lands, a parabola
+    t = np.arange(4) / 30
+    np.testing.assert_allclose(shown["ball"][:4, 0], 120 + vx * t, atol=1e-6)
+    np.testing.assert_allclose(shown["ball"][:4, 1], 80 + vy * t + G * t**2 / 2, atol=0.2)
+    assert desk.errors == []
 
 
-def test_impulse_force_and_spin(
-    browser: Any, serving: Callable[..., Any], scene: Path, tmp_path: Path
-) -> None:
-    with seated(browser, serving(scene).address) as desk:
-        desk.drag((120, 80), (170, 80), held="Shift")
-        desk.settled()
-        impulse = desk.state["scene"]["forces"][1]
-        assert impulse["object"] == "ball"
-        assert impulse["impulse"][0] > 0
-        assert impulse["impulse"][1] == 0
-        assert "at" not in impulse  # pressed at its centre
-        desk.drag((360, 250), (360, 200), held="Alt")
-        desk.settled()
-        force = desk.state["scene"]["forces"][2]
-        assert force["object"] == "block"
-        assert force["force"][1] < 0
-        assert force["duration"] == 0.2
-        assert force["at"] == pytest.approx([360, 250], abs=1.5)
-        x, y = desk.page.evaluate(
-            "() => { const p = window.editor.stage.poseOf('block', 0);"
-            " return [p.x, p.y - window.editor.state.derived.objects.block.reach - 26 * window.editor.stage.unit]; }"
-        )
-        desk.drag((x, y), (x + 30, y + 8), (x + 45, y + 30))
-        desk.settled()
-        assert desk.state["scene"]["objects"]["block"]["spin"] > 0  # +x towards +y
-        # the impulse that the file had is replaced, not joined by another
-        desk.drag((360, 270), (320, 270), held="Shift")
-        desk.settled()
-        forces = desk.state["scene"]["forces"]
-        assert len(forces) == 3
-        assert forces[0]["impulse"][0] != -2000
-        saved(desk, scene)
-        shown, said = poses(desk), simulated(scene, tmp_path)
-        for name, way in said.items():
-            np.testing.assert_array_equal(shown[name], way)
+def test_impulse_force_and_spin(desk: Desk, scene: Path) -> None:
+    desk.drag((120, 80), (170, 80), held="Shift")
+    desk.settled()
+    impulse = desk.state["scene"]["forces"][1]
+    assert impulse["object"] == "ball"
+    assert impulse["impulse"][0] > 0
+    assert impulse["impulse"][1] == 0
+    assert "at" not in impulse  # pressed at its centre
+    desk.drag((360, 250), (360, 200), held="Alt")
+    desk.settled()
+    force = desk.state["scene"]["forces"][2]
+    assert force["object"] == "block"
+    assert force["force"][1] < 0
+    assert force["duration"] == 0.2
+    assert force["at"] == pytest.approx([360, 250], abs=1.5)
+    x, y = desk.page.evaluate(
+        "() => { const p = window.editor.stage.poseOf('block', 0);"
+        " return [p.x, p.y - window.editor.state.derived.objects.block.reach - 26 * window.editor.stage.unit]; }"
+    )
+    desk.drag((x, y), (x + 30, y + 8), (x + 45, y + 30))
+    desk.settled()
+    assert desk.state["scene"]["objects"]["block"]["spin"] > 0  # +x towards +y
+    # the impulse that the file had is replaced, not joined by another
+    desk.drag((360, 270), (320, 270), held="Shift")
+    desk.settled()
+    forces = desk.state["scene"]["forces"]
+    assert len(forces) == 3
+    assert forces[0]["impulse"][0] != -2000
+    saved(desk, scene)
+    agreeing(desk, scene)
 
 
-def test_each_drag_is_one_step_back_and_an_arrow_can_be_changed_by_its_tip(
-    browser: Any, serving: Callable[..., Any], scene: Path
-) -> None:
-    with seated(browser, serving(scene).address) as desk:
-        text = desk.state["text"]
-        desk.drag((120, 80), (180, 80), steps=12)
-        desk.settled()
-        first = desk.state["scene"]["objects"]["ball"]["velocity"]
-        desk.drag((180, 80), (180, 110))  # the tip is where the pointer let go
-        desk.settled()
-        second = desk.state["scene"]["objects"]["ball"]["velocity"]
-        assert second[0] == pytest.approx(first[0], rel=0.05)
-        assert second[1] > 0
-        desk.page.keyboard.press("Control+z")
-        desk.settled()
-        assert desk.state["scene"]["objects"]["ball"]["velocity"] == first
-        desk.page.keyboard.press("Control+z")
-        desk.settled()
-        assert desk.state["text"] == text
-        assert desk.state["undo"] is None
-        desk.page.keyboard.press("Control+y")
-        desk.settled()
-        assert desk.state["scene"]["objects"]["ball"]["velocity"] == first
+def test_each_drag_is_one_step_back_and_an_arrow_can_be_changed_by_its_tip(desk: Desk) -> None:
+    text = desk.state["text"]
+    desk.drag((120, 80), (180, 80), steps=12)
+    desk.settled()
+    first = desk.state["scene"]["objects"]["ball"]["velocity"]
+    desk.drag((180, 80), (180, 110))  # the tip is where the pointer let go
+    desk.settled()
+    second = desk.state["scene"]["objects"]["ball"]["velocity"]
+    assert second[0] == pytest.approx(first[0], rel=0.05)
+    assert second[1] > 0
+    desk.page.keyboard.press("Control+z")
+    desk.settled()
+    assert desk.state["scene"]["objects"]["ball"]["velocity"] == first
+    desk.page.keyboard.press("Control+z")
+    desk.settled()
+    assert desk.state["text"] == text
+    assert desk.state["undo"] is None
+    desk.page.keyboard.press("Control+y")
+    desk.settled()
+    assert desk.state["scene"]["objects"]["ball"]["velocity"] == first
 
 
 @pytest.mark.parametrize("look", LOOKS)

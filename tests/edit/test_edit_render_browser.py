@@ -26,12 +26,6 @@ variants:
 """
 
 
-@pytest.fixture
-def scene(tmp_path: Path) -> Path:
-    (tmp_path / "scene.yaml").write_text(SCENE, encoding="utf-8")
-    return tmp_path / "scene.yaml"
-
-
 def test_a_variant_is_rendered_and_the_copied_command_makes_the_same(
     browser: Any, serving: Callable[..., Any], scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -262,26 +262,6 @@ def test_bodies_that_a_form_could_send_are_refused(kind, slide: Served) -> None:
     assert answer.status_code == 415
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "a: " + "[" * 20_000,
-        "a: &a [1]\nb: [*a, *a]\n",
-        "\0",
-        "? " * 1000,
-    ],
-    ids=lambda text: repr(text[:24]),
-)
-def test_yaml_that_means_harm_is_a_problem_at_its_line(text, slide: Served) -> None:
-    first = slide.look()["text"]
-    assert slide.send("/api/text", "PUT", text=text).status_code == 200
-    assert [problem for problem in slide.state["problems"] if problem["severity"] == "error"]
-    assert slide.state["scene"] is None
-    assert slide.send("/api/edit", ops=[{"set": ["a"], "value": 1}]).status_code == 422
-    assert slide.send("/api/undo").status_code == 200
-    assert slide.state["text"] == first
-
-
 def test_a_broken_look_is_told_and_hides_its_insides(serving: Serve, monkeypatch) -> None:
     served = serving("physics/05-slide")
     assert served.editor is not None

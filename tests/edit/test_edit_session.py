@@ -59,19 +59,6 @@ def mass(text: str, grams: int, which: int = 0) -> str:
     return text[: found.start()] + f"mass: {grams}" + text[found.end() :]
 
 
-def test_what_another_program_writes_is_taken_in(serving: Serve) -> None:
-    served = serving("billiards")
-    theirs = mass(served.look()["text"], 55)
-    with hearing(served, "file") as next_one:
-        served.scene.write_text(theirs)
-        assert next_one()["outcome"] == "taken"
-    assert served.look()["text"] == theirs
-    assert served.state["file"] == served.state["file"] | {"saved": True, "outside": None}
-    assert served.state["undo"] == "changed by another program"
-    served.send("/api/undo")
-    assert served.state["text"] != theirs
-
-
 @pytest.mark.parametrize("resolve", ["mine", "theirs"])
 def test_what_clashes_is_asked_about_and_neither_is_lost(resolve, serving: Serve) -> None:
     served = serving("billiards")
@@ -92,18 +79,6 @@ def test_what_clashes_is_asked_about_and_neither_is_lost(resolve, serving: Serve
     assert served.state["file"] == served.state["file"] | {"saved": True, "outside": None}
     served.send("/api/undo")
     assert served.state["text"] == {"mine": theirs, "theirs": mine}[resolve]
-
-
-def test_a_file_that_is_gone_is_told_of_and_written_again(serving: Serve) -> None:
-    served = serving("physics/05-slide")
-    text = served.look()["text"]
-    with hearing(served, "file") as next_one:
-        served.scene.unlink()
-        assert next_one()["outcome"] == "gone"
-    assert served.look()["file"] == served.state["file"] | {"saved": False, "outside": "gone"}
-    assert served.send("/api/save").status_code == 200
-    assert served.scene.read_text() == text
-    assert served.state["file"]["outside"] is None
 
 
 def test_what_is_no_text_is_not_taken_for_the_scene(serving: Serve) -> None:

@@ -32,12 +32,6 @@ variants:
 """
 
 
-@pytest.fixture
-def scene(tmp_path: Path) -> Path:
-    (tmp_path / "scene.yaml").write_text(SCENE, encoding="utf-8")
-    return tmp_path / "scene.yaml"
-
-
 def marks(desk: Desk, kind: str) -> list[int]:
     """Lines whose numbers are marked so."""
     found = desk.page.eval_on_selector_all(f".yaml-number.{kind}", "all => all.map(n => +n.textContent)")
@@ -138,16 +132,13 @@ def open_scene_text(scene: Path, text: str) -> Any:
     return load(other)
 
 
-def test_the_chosen_objects_lines_are_marked_both_ways(
-    browser: Any, serving: Callable[..., Any], scene: Path
-) -> None:
-    with seated(browser, serving(scene).address) as desk:
-        desk.panel("yaml")
-        desk.choose("ball")
-        desk.drawn()
-        assert marks(desk, "chosen") == [6, 7, 8]
-        desk.put_caret('"box-1"', after=3)
-        desk.page.keyboard.press("ArrowRight")
-        assert desk.page.evaluate("() => window.editor.selected") == {"kind": "object", "name": "box-1"}
-        desk.drawn()
-        assert marks(desk, "chosen") == [9, 10, 11]
+def test_the_chosen_objects_lines_are_marked_both_ways(desk: Desk) -> None:
+    desk.panel("yaml")
+    desk.choose("ball")
+    desk.drawn()
+    assert marks(desk, "chosen") == [6, 7, 8]
+    desk.put_caret('"box-1"', after=3)
+    desk.page.keyboard.press("ArrowRight")
+    assert desk.page.evaluate("() => window.editor.selected") == {"kind": "object", "name": "box-1"}
+    desk.drawn()
+    assert marks(desk, "chosen") == [9, 10, 11]

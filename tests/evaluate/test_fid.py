@@ -61,6 +61,11 @@ def told(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict:
     return json.loads(capsys.readouterr().out)
 
 
+def asked(clips: Path, method: str, *more: object) -> list[str]:
+    """The command that compares one folder with the true one."""
+    return ["evaluate", "fid", str(clips / method), "--reference", str(clips / "true"), *map(str, more)]
+
+
 def methods(root: Path, *names: str) -> list[str]:
     return [str(root / name) for name in names]
 
@@ -138,16 +143,8 @@ def test_formats_do_not_matter(clips: Path, tmp_path: Path, capsys: pytest.Captu
 
 def test_a_page(clips: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "page"
-    arguments = [
-        "evaluate",
-        "fid",
-        str(clips / "alike"),
-        "--reference",
-        str(clips / "true"),
-        "--size",
-        str(SIDE),
-    ]
-    assert main([*arguments, "--draws", "20", "--frames", "3", "-o", str(out)]) == 0
+    more = ["--size", SIDE, "--draws", 20, "--frames", 3, "-o", out]
+    assert main(asked(clips, "alike", *more)) == 0
     printed, page = capsys.readouterr().out, (out / "index.html").read_text()
     for text in (printed, page):
         assert "NOT comparable with published FIDs" in text
@@ -223,14 +220,7 @@ def test_a_script_that_is_another_network(
     from tests.contract import tiny_judges
 
     file = tiny_judges.scripted(tmp_path / "other", getattr(tiny_judges, network))
-    arguments = [
-        str(clips / "true" / "0"),
-        "--reference",
-        str(clips / "true"),
-        "--inception",
-        str(file),
-    ]
-    assert main(["evaluate", "fid", *arguments, "--draws", "0"]) == 2
+    assert main(asked(clips, "true/0", "--inception", file, "--draws", 0)) == 2
     assert expected in capsys.readouterr().err
 
 
@@ -241,14 +231,7 @@ def test_a_persons_own_file_is_called_as_the_official_one_is(
     from tests.contract import tiny_judges
 
     file = tiny_judges.scripted(tmp_path / "inception-2015-12-05")
-    arguments = [
-        str(clips / "fast" / "0"),
-        "--reference",
-        str(clips / "true"),
-        "--inception",
-        str(file),
-    ]
-    assert main(["evaluate", "fid", *arguments, "--json"]) == 0
+    assert main(asked(clips, "fast/0", "--inception", file, "--json")) == 0
     printed = capsys.readouterr()
     found = json.loads(printed.out)
     assert found["comparable"] is True

@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from labelled import Labelled, hall, labelled
 
 from physgen.cli.main import main
 
@@ -60,6 +61,13 @@ def photo(tmp_path: Path) -> Path:
     (tmp_path / "side.yaml").write_text(SIDE)
     (tmp_path / "top.yaml").write_text(TOP)
     return tmp_path
+
+
+@pytest.fixture(scope="session")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> Labelled:
+    """The hall with masks and tracks in every format."""
+    home = tmp_path_factory.mktemp("hall")
+    return labelled(hall(home), home / "out", "frames,coco,davis,mot")
 
 
 Export = Callable[..., Path]

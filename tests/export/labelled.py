@@ -10,12 +10,20 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+import trackeval
 from pycocotools.coco import COCO
 
 from physgen import pipeline
 from physgen.pipeline.stages import Film, Keep, Stages
 from physgen.report.record import RunRecord
 
+QUIET = {"PRINT_RESULTS": False, "PRINT_CONFIG": False, "TIME_PROGRESS": False, "DISPLAY_LESS_PROGRESS": True}
+QUIET |= {
+    "OUTPUT_SUMMARY": False,
+    "OUTPUT_DETAILED": False,
+    "PLOT_CURVES": False,
+    "PRINT_ONLY_COMBINED": True,
+}
 ROOT = Path(__file__).resolve().parents[2]
 HALL = """\
 physgen: 1
@@ -101,3 +109,10 @@ def hall(folder: Path) -> Path:
     path = folder / "hall.yaml"
     path.write_text(HALL, encoding="utf-8")
     return path
+
+
+def scores(data, *metrics):
+    """By TrackEval."""
+    with contextlib.redirect_stdout(io.StringIO()):
+        found, _ = trackeval.Evaluator(QUIET).evaluate([data], list(metrics))
+    return next(iter(found.values()))

@@ -118,22 +118,9 @@ def test_labels_beside_a_clip_are_those_of_the_export_and_change_no_frame(
     photo: Path, tmp_path: Path, export
 ) -> None:
     alone = export("side", "flo,frames")
-    assert (
-        main(
-            [
-                "render",
-                str(photo / "side.yaml"),
-                "-o",
-                str(tmp_path / "out"),
-                "--export",
-                "flo,frames",
-                "--report",
-                "none",
-            ]
-        )
-        == 0
-    )
-    assert main(["render", str(photo / "side.yaml"), "-o", str(tmp_path / "plain"), "--report", "none"]) == 0
+    for name, more in (("out", ["--export", "flo,frames"]), ("plain", [])):
+        flags = ["-o", str(tmp_path / name), "--report", "none", *more]
+        assert main(["render", str(photo / "side.yaml"), *flags]) == 0
     beside, plain = tmp_path / "out" / "side", tmp_path / "plain" / "side"
     for path in alone.rglob("*"):
         if path.is_file() and path.name != "manifest.json" and path.parent != alone:

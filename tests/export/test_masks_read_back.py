@@ -9,25 +9,11 @@ import shutil
 import numpy as np
 import pytest
 import trackeval
-from labelled import Labelled, hall, labelled
+from labelled import Labelled, scores
 from PIL import Image
 from pycocotools import mask as coco_mask
 from pycocotools.cocoeval import COCOeval
 from pytest import approx
-
-QUIET = {"PRINT_RESULTS": False, "PRINT_CONFIG": False, "TIME_PROGRESS": False, "DISPLAY_LESS_PROGRESS": True}
-QUIET |= {
-    "OUTPUT_SUMMARY": False,
-    "OUTPUT_DETAILED": False,
-    "PLOT_CURVES": False,
-    "PRINT_ONLY_COMBINED": True,
-}
-
-
-@pytest.fixture(scope="module")
-def clip(tmp_path_factory) -> Labelled:
-    home = tmp_path_factory.mktemp("masks")
-    return labelled(hall(home), home / "out", "frames,coco,davis")
 
 
 def test_coco_masks_are_the_ids(clip: Labelled) -> None:
@@ -85,10 +71,8 @@ def test_davis_is_scored_as_true_and_a_wrong_mask_is_not(clip: Labelled, tmp_pat
         data = trackeval.datasets.DAVIS(
             {"GT_FOLDER": str(truth), "TRACKERS_FOLDER": str(tmp_path), "PRINT_CONFIG": False}
         )
-        found, _ = trackeval.Evaluator(QUIET).evaluate(
-            [data], [trackeval.metrics.HOTA({"PRINT_CONFIG": False})]
-        )
-    same, less = (found["DAVIS"][who]["hall"]["general"]["HOTA"] for who in ("same", "less"))
+    found = scores(data, trackeval.metrics.HOTA({"PRINT_CONFIG": False}))
+    same, less = (found[who]["hall"]["general"]["HOTA"] for who in ("same", "less"))
     rows = sum(len(np.unique(ids)) - 1 for ids in clip.ids)
     assert same["DetA"].min() == same["AssA"].min() == 1
     assert less["DetA"] == approx((rows - 1) / rows)

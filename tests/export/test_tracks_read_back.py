@@ -9,35 +9,14 @@ from pathlib import Path
 
 import motmetrics
 import numpy as np
-import pytest
 import trackeval
-from labelled import Labelled, hall, labelled
+from labelled import Labelled, scores
 from pycocotools import mask as coco_mask
 from pytest import approx
-
-QUIET = {"PRINT_RESULTS": False, "PRINT_CONFIG": False, "TIME_PROGRESS": False, "DISPLAY_LESS_PROGRESS": True}
-QUIET |= {
-    "OUTPUT_SUMMARY": False,
-    "OUTPUT_DETAILED": False,
-    "PLOT_CURVES": False,
-    "PRINT_ONLY_COMBINED": True,
-}
-
-
-@pytest.fixture(scope="module")
-def clip(tmp_path_factory) -> Labelled:
-    home = tmp_path_factory.mktemp("tracks")
-    return labelled(hall(home), home / "out", "coco,mot")
 
 
 def rows_of(path: Path) -> list[str]:
     return path.read_text(encoding="utf-8").splitlines()
-
-
-def scores(data, *metrics):
-    with contextlib.redirect_stdout(io.StringIO()):
-        found, _ = trackeval.Evaluator(QUIET).evaluate([data], list(metrics))
-    return next(iter(found.values()))
 
 
 def faults(clip: Labelled, guesses: Path) -> dict[str, tuple[float, int, int]]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from labelled import ROOT, Labelled, hall, labelled
+from labelled import ROOT, Labelled, labelled
 
 CROSSING = (
     "objects.*.motion=static",
@@ -27,12 +27,6 @@ FILMED = (
     "render.fps=10",
     "render.slow=1.5",
 )
-
-
-@pytest.fixture(scope="module")
-def clip(tmp_path_factory) -> Labelled:
-    home = tmp_path_factory.mktemp("whole")
-    return labelled(hall(home), home / "out", "coco")
 
 
 def without(clip: Labelled, *names: str) -> Labelled:

@@ -56,6 +56,11 @@ def boxed(left, right, top, bottom):
     return labels, PhotoObject(1, Region((ring,)), "block")
 
 
+def block(x: float, y: float, w: float, h: float) -> Region:
+    """Its lower left corner at x, y."""
+    return Region((Ring(np.array([[x, y - h], [x + w, y - h], [x + w, y], [x, y]], float)),))
+
+
 def plain(colour=(0.5, 0.32, 0.2), wall=(0.12, 0.16, 0.2), labels=None) -> np.ndarray:
     """(H, W, 3) albedo: one colour on the things, another on the wall."""
     albedo = np.broadcast_to(np.array(wall, np.float32), (SIZE[1], SIZE[0], 3)).copy()

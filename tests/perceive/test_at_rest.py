@@ -17,6 +17,7 @@ from physgen.perceive.perceive import fit_objects, perceive
 from physgen.perceive.segment.prompts import from_masks
 from physgen.perceive.support.ground_contact import fit_rectangle
 from physgen.perceive.support.supports import depth_inside, free_parts
+from tests.perceive.lambertian import block
 
 W, H = 256, 192
 
@@ -165,10 +166,6 @@ def test_a_slope_is_as_steep_as_it_is_and_holds_by_friction():
     least = np.tan(np.radians(20))
     assert wall.friction > least
     assert all(setting.grip[t.id] > least for t in things)
-
-
-def block(x: float, y: float, w: float, h: float) -> Region:
-    return Region((Ring(np.array([[x, y - h], [x + w, y - h], [x + w, y], [x, y]], float)),))
 
 
 def test_a_chain_is_cut_where_it_would_enter_something():

@@ -15,13 +15,9 @@ from physgen.perceive.support.equilibrium import (
     unbalanced_forces,
     unstable_objects,
 )
+from tests.perceive.lambertian import block
 
 GROUND = np.array([[-500.0, 0.0], [900.0, 0.0]])
-
-
-def block(x: float, y: float, w: float, h: float) -> Region:
-    """Its lower left corner at x, y."""
-    return Region((Ring(np.array([[x, y - h], [x + w, y - h], [x + w, y], [x, y]], float)),))
 
 
 def turned(points: np.ndarray, degrees: float) -> np.ndarray:

@@ -10,13 +10,9 @@ from physgen.perceive.roles import PhotoObject, Wall
 from physgen.perceive.support.equilibrium import contacts, unstable_objects
 from physgen.perceive.support.ground_contact import find_foot
 from physgen.perceive.support.supports import add_supports
+from tests.perceive.lambertian import block
 
 FLOOR = Wall("floor", ((-100.0, 0.0), (900.0, 0.0)), 0.6, 0.4, 1.0, "", "")
-
-
-def block(x: float, y: float, w: float, h: float) -> Region:
-    """Its lower left corner at x, y."""
-    return Region((Ring(np.array([[x, y - h], [x + w, y - h], [x + w, y], [x, y]], float)),))
 
 
 def upholding(outlines: list[Outline]) -> tuple[list[Wall], frozenset[int]]:

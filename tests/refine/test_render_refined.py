@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import av
 import cv2
@@ -13,7 +14,9 @@ import pytest
 from physgen import registry
 from physgen.batch import run
 from physgen.cli import main
+from physgen.pipeline.cache import open_store
 from physgen.registry import Backend
+from physgen.report import record
 
 SCENE = """\
 physgen: 1
@@ -127,3 +130,21 @@ def test_a_scene_without_objects_is_refined_all_over() -> None:
     told = json.loads(Path("out/empty/manifest.json").read_text(encoding="utf-8"))
     assert told["refine"]["prompt"] == ""
     assert told["refine"]["changes"]["objects"] is None
+
+
+def test_frames_of_a_scene_that_is_saved_meanwhile_are_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No other run takes them for those of the new scene, which is read, and hashed when another was saved."""
+    inputs, texts = record.inputs, [SCENE.replace("[60, 0]", "[90, 0]")]
+
+    def late(*arguments: Any) -> dict[str, str]:
+        if texts:
+            Path("pair.yaml").write_text(texts.pop(), encoding="utf-8")
+        return inputs(*arguments)
+
+    monkeypatch.setattr(record, "inputs", late)
+    old = rendered("--refine", "exact")["unrefined"]
+    assert not [entry for entry in open_store().sizes() if entry.stage == "guidance"]
+    new = rendered("--refine", "exact")["unrefined"]
+    assert new != old
+    assert new == rendered("--refine", "exact", "--no-cache")["unrefined"]
+    assert [entry for entry in open_store().sizes() if entry.stage == "guidance"]

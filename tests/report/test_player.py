@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from browser import lay, picture
 from PIL import Image
 from pytest import approx
 
@@ -52,11 +51,6 @@ def written(tmp_path: Path, text: str, *overrides: str) -> SimpleNamespace:
 
 def values(data: dict, body: int, name: str, step: str) -> np.ndarray:
     return np.cumsum(data["bodies"][body][name]) * data["steps"][step]
-
-
-def opened(uri: str) -> np.ndarray:
-    """(h, w, 4)."""
-    return np.asarray(Image.open(io.BytesIO(base64.b64decode(uri.split(",")[1]))).convert("RGBA"), np.float64)
 
 
 def test_places_are_rounded_as_little_as_is_said(tmp_path: Path) -> None:
@@ -115,31 +109,10 @@ def test_what_a_camera_sees(tmp_path: Path) -> None:
 def test_scenes_of_nothing_and_of_one_frame(tmp_path: Path) -> None:
     nothing = written(tmp_path, "physgen: 1\nsize: [40, 30]\nobjects: {}\n").data
     assert (nothing["bodies"], nothing["touches"], nothing["sprites"]) == ([], [], [])
-    assert opened(nothing["background"]).shape == (30, 40, 4)
+    assert picture(nothing["background"]).shape == (30, 40, 4)
     one = written(tmp_path, BOUNCE, "render.frames=1").data
     assert one["frames"] == [0]
     assert [len(body["x"]) for body in one["bodies"]] == [1, 1]
-
-
-def laid(data: dict, size: tuple[int, int]) -> np.ndarray:
-    """(H, W, 3): the player's first picture, put together from its parts as a browser would."""
-    canvas = opened(data["background"])[..., :3].copy()
-    assert canvas.shape[1::-1] == size
-    rows = [(s["keys"][0]["box"], s["keys"][0]["src"]) for s in data["shadows"] if "src" in s["keys"][0]]
-    rows += [(s["box"], s["src"]) for s in data["sprites"]]
-    for (left, top, w, h), src in rows:
-        picture = opened(src)
-        if picture.shape[:2] != (round(h), round(w)):
-            both = Image.fromarray(picture.astype(np.uint8)).resize(
-                (round(w), round(h)), Image.Resampling.BILINEAR
-            )
-            picture = np.asarray(both, np.float64)
-        x, y = round(left + 0.5), round(top + 0.5)
-        x0, y0, x1, y1 = max(x, 0), max(y, 0), min(x + round(w), size[0]), min(y + round(h), size[1])
-        part = picture[y0 - y : y1 - y, x0 - x : x1 - x]
-        alpha = part[..., 3:] / 255
-        canvas[y0:y1, x0:x1] = alpha * part[..., :3] + (1 - alpha) * canvas[y0:y1, x0:x1]
-    return canvas
 
 
 @pytest.mark.parametrize("name", ["billiards", "dominoes"])
@@ -147,7 +120,12 @@ def test_at_rest_its_parts_make_the_photo(bundled: Path, name: str) -> None:
     """Background, shadows and cut-outs were taken apart in linear light and come together in codes: nearly the same."""
     got = made(bundled / name / "scene.yaml")
     photo = np.asarray(Image.open(got.scene.image).convert("RGB"), np.float64)
-    off = np.abs(laid(got.data, got.scene.size) - photo)
+    canvas = picture(got.data["background"])[..., :3].copy()
+    assert canvas.shape[1::-1] == got.scene.size
+    for row in [*(shadow["keys"][0] for shadow in got.data["shadows"]), *got.data["sprites"]]:
+        if "src" in row:
+            lay(canvas, row)
+    off = np.abs(canvas - photo)
     assert off.mean() < 2.5
     assert np.percentile(off, 99) < 20
 

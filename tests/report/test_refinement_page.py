@@ -84,3 +84,4 @@ def test_the_page_says_why_a_refinement_failed(tmp_path: Path) -> None:
     assert ">refine: &lt;b&gt; do not fit; write less<" in page
     assert "12 frames" in page
     assert "Mean change" not in page
+    assert "Joints and fields" not in page, "there are none"

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -202,18 +199,3 @@ def test_the_document_is_resolved() -> None:
     assert document["objects"]["kite"]["friction"] == 0.5
     assert document["forces"][0]["start"] == 0.5
     assert document["variants"] == {"hard": {"objects.ball.velocity": [-900, 0]}}
-
-
-def test_only_what_is_needed_is_imported() -> None:
-    """A scene without a photo needs neither Pillow nor jsonschema to be checked."""
-    code = (
-        "import sys; from physgen.scene.load import load; load(sys.argv[1]);"
-        "print({'PIL', 'jsonschema', 'cv2'} & set(sys.modules))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code, str(FULL)],
-        capture_output=True,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
-        check=True,
-    )
-    assert done.stdout == b"set()\n"

@@ -209,14 +209,6 @@ def test_star_of_nothing_and_the_last_set(scene: Path) -> None:
     assert named(load(scene, ["objects.ball.mass=1", "objects.ball.density=2"]))["ball"].mass is None
 
 
-def test_set_names_itself(scene: Path) -> None:
-    assert said(scene, ["objects.*.mass=heavy", "world.duration=-1"]) == [
-        '--set objects.*.mass=heavy: objects.ball.mass: "heavy" is not a number; '
-        "write grams, or a number with mg, g or kg behind it, e.g. 170",
-        "--set world.duration=-1: world.duration: -1 is below 0; write seconds above 0, at most 3600, e.g. 2.0",
-    ]
-
-
 def test_set_mends_what_the_file_has_wrong(scene: Path) -> None:
     scene.write_text(scene.read_text().replace("mass: 170", "mass: heavy"))
     assert len(said(scene)) == 1

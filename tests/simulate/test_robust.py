@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pytest import approx
-from worlds import ball, box, floor, push, world
+from worlds import ball, box, floor, pin, push, world
 
 from physgen import pipeline
-from physgen.compile.world import Field, Joint, Wall, surface
+from physgen.compile.world import Field, Wall, surface
 from physgen.problems import InputError
 from physgen.scene.scene import Combine, FieldKind, JointKind, Load, Motion, Solid
 from physgen.simulate.engine import simulate
@@ -26,18 +26,6 @@ def moved(t) -> dict[str, float]:
     """px by which each object strayed from where it was."""
     far = np.hypot(*(t.poses - t.poses[0])[:, :, :2].T).max(axis=1)
     return dict(zip(t.names, far.tolist(), strict=True))
-
-
-def pin(first=0, second=None, at=(0.0, 0.0), to=(0.0, 0.0), kind=JointKind.PIVOT, **how):
-    how = {
-        "length": 0.0,
-        "stiffness": 0.0,
-        "damping": 0.0,
-        "speed": 0.0,
-        "limit": np.inf,
-        "collide": False,
-    } | how
-    return Joint("joint", kind, first, second, np.array(at, float), np.array(to, float), **how)
 
 
 # ---- photos ------------------------------------------------------------------------------------------------------

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from physgen.compile.world import Body, Push, Wall, World, surface
-from physgen.scene.scene import Combine, Motion, Solid, View
+from physgen.compile.world import Body, Joint, Push, Wall, World, surface
+from physgen.scene.scene import Combine, JointKind, Motion, Solid, View
 
 GRAVITY = 980.0
 
@@ -74,6 +74,11 @@ def world(
         joints=tuple(joints),
         fields=tuple(fields),
     )
+
+
+def pin(first=0, second=None, at=(0.0, 0.0), to=(0.0, 0.0), kind=JointKind.PIVOT, **how):
+    usual = {"length": 0.0, "stiffness": 0.0, "damping": 0.0, "speed": 0.0, "limit": np.inf, "collide": False}
+    return Joint("joint", kind, first, second, np.array(at, float), np.array(to, float), **(usual | how))
 
 
 def push(load, vector=(0.0, 0.0), torque=0.0, at=(0.0, 0.0), start=0.0, end=np.inf, body=0):
