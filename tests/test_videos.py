@@ -93,14 +93,12 @@ def test_what_we_write_comes_back_in_its_colours(tmp_path: Path) -> None:
         assert frame[16, 24].astype(int) == approx(np.array(colour), abs=1)
 
 
-@pytest.mark.parametrize(("tag", "lines"), [(1, 32), (5, 32), (None, 32)])
-def test_colours_of_other_programs_are_read_by_their_own_matrix(
-    tmp_path: Path, tag: int | None, lines: int
-) -> None:
-    frames = [np.full((lines, 48, 3), colour, np.uint8) for colour in COLOURS]
+@pytest.mark.parametrize("tag", [1, 5, None])
+def test_colours_of_other_programs_are_read_by_their_own_matrix(tmp_path: Path, tag: int | None) -> None:
+    frames = [np.full((32, 48, 3), colour, np.uint8) for colour in COLOURS]
     clip = read_video(bare_mp4(tmp_path / "a.mp4", frames, tag))
     for colour, frame in zip(COLOURS, clip.frames, strict=True):
-        assert frame[lines // 2, 24].astype(int) == approx(np.array(colour), abs=2)
+        assert frame[16, 24].astype(int) == approx(np.array(colour), abs=2)
 
 
 @pytest.mark.parametrize("size", [(48, 32), (47, 31)])

@@ -6,6 +6,7 @@ from math import sqrt
 from pathlib import Path
 
 import pytest
+from written import world
 
 from physgen import pipeline
 from physgen.batch.outcomes import columns, outcomes
@@ -24,10 +25,7 @@ world: {{gravity: [0, {G}], duration: 1.2}}
 
 
 def motion(tmp_path: Path, objects: str, *edits: str) -> Trajectory:
-    path = tmp_path / "scene.yaml"
-    path.write_text(HEAD + f"objects:\n{objects}")
-    scene = pipeline.load(path, edits)
-    return pipeline.simulate(pipeline.compile(scene, None).world)
+    return pipeline.simulate(world(tmp_path, HEAD + f"objects:\n{objects}", *edits))
 
 
 def became(tmp_path: Path, objects: str, *edits: str) -> dict[str, Cell]:

@@ -18,19 +18,6 @@ from physgen import tables
 from physgen.batch.sweep import read_sweep_record
 from physgen.cli.main import main
 
-LESSON = """\
-physgen: 1
-size: [96, 64]
-world: {duration: 0.25}
-objects:
-  ball: {shape: {circle: {center: [25, 45], radius: 10}}, mass: 100, velocity: [300, 0]}
-  crate: {shape: {box: {center: [70, 45], size: [16, 20]}}, mass: 200}
-boundaries:
-  floor: {segment: [[-100, 55], [300, 55]]}
-render: {fps: 24}
-variants:
-  heavy: {objects.ball.mass: 900}
-"""
 GRID = ["objects.ball.velocity.0=300,200", "objects.crate.friction=0:1:2"]
 
 

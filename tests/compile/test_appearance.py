@@ -7,9 +7,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from written import world
 
 from physgen import pipeline
-from physgen.compile.world import World, body_in_photo
+from physgen.compile.world import body_in_photo
 from physgen.export.correspondence import photo_view
 from physgen.render.stage import Frame
 
@@ -23,11 +24,6 @@ objects:
   ball: {shape: {circle: {center: [250, 80], radius: 12}}, velocity: [30, 0]}
 boundaries: {floor: {segment: [[-900, 260], [900, 260]]}}
 """
-
-
-def world(tmp_path: Path, text: str, *edits: str) -> World:
-    (tmp_path / "scene.yaml").write_text(text)
-    return pipeline.compile(pipeline.load(tmp_path / "scene.yaml", edits), None).world
 
 
 def test_it_begins_at_its_place_and_falls_from_there(tmp_path: Path) -> None:

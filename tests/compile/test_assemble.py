@@ -8,23 +8,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import written
 from pytest import approx
 
-from physgen import pipeline
 from physgen.compile.world import pair_table
 from physgen.problems import InputError
 from physgen.scene.scene import Motion
 
 
-def scene(tmp_path: Path, body: str, head: str = "size: [200, 150]"):
-    path = tmp_path / "scene.yaml"
-    path.write_text(f"physgen: 1\n{head}\n{body}")
-    return pipeline.load(path)
-
-
 def compiled(tmp_path: Path, body: str, head: str = "size: [200, 150]"):
-    loaded = scene(tmp_path, body, head)
-    return pipeline.compile(loaded, pipeline.percepts(loaded))
+    return written.compiled(tmp_path, f"physgen: 1\n{head}\n{body}")
 
 
 @pytest.mark.parametrize(("solid", "k"), [("sphere", 0.4), ("disc", 0.5), ("hoop", 1.0), ("plate", 0.5)])

@@ -7,21 +7,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from written import loaded
 
 from physgen import pipeline
 
 
-def scene(tmp_path: Path, body: str, head: str = "size: [200, 150]"):
-    path = tmp_path / "scene.yaml"
-    path.write_text(f"physgen: 1\n{head}\n{body}")
-    return pipeline.load(path)
-
-
 def told(tmp_path: Path, body: str, head: str = "size: [200, 150]") -> list[str]:
     """The warnings of a scene, from their dotted paths on."""
-    loaded = scene(tmp_path, body, head)
-    maps = pipeline.percepts(loaded)
-    lints = pipeline.lint(loaded, pipeline.compile(loaded, maps), maps)
+    scene = loaded(tmp_path, f"physgen: 1\n{head}\n{body}")
+    maps = pipeline.percepts(scene)
+    lints = pipeline.lint(scene, pipeline.compile(scene, maps), maps)
     assert all(": warning: " in str(lint) for lint in lints)
     return [f"{lint.path}: {lint.found} {lint.expected}; {lint.fix}" for lint in lints]
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import written
 from pytest import approx
 
-from physgen import pipeline
 from physgen.problems import InputError, Limit
 from physgen.scene.scene import FieldKind, JointKind
 
@@ -25,9 +25,7 @@ ARM, CAR, POST, WHEEL = range(4)
 
 
 def world(tmp_path: Path, rest: str):
-    path = tmp_path / "scene.yaml"
-    path.write_text(f"physgen: 1\nsize: [200, 150]\n{BODY}{rest}")
-    return pipeline.compile(pipeline.load(path), None).world
+    return written.world(tmp_path, f"physgen: 1\nsize: [200, 150]\n{BODY}{rest}")
 
 
 def test_joints_ride_on_their_bodies(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 import shapely
+import written
 from pytest import approx
 from shapely.affinity import translate
 
@@ -31,10 +32,7 @@ def photo(tmp_path: Path, labels: np.ndarray) -> None:
 
 
 def compiled(tmp_path: Path, body: str, head: str = "image: photo.png\nassets: maps"):
-    path = tmp_path / "scene.yaml"
-    path.write_text(f"physgen: 1\n{head}\n{body}")
-    scene = pipeline.load(path)
-    return pipeline.compile(scene, pipeline.percepts(scene))
+    return written.compiled(tmp_path, f"physgen: 1\n{head}\n{body}")
 
 
 def area(chain: np.ndarray) -> float:

@@ -57,9 +57,15 @@ def scene(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def desk(browser: Any, serving: Callable[..., Served], scene: Path) -> Iterator[Desk]:
+def served(serving: Callable[..., Served], scene: Path) -> Served:
+    """That scene behind a server."""
+    return serving(scene)
+
+
+@pytest.fixture
+def desk(browser: Any, served: Served) -> Iterator[Desk]:
     """The editor's page with that scene."""
-    with seated(browser, serving(scene).address) as page:
+    with seated(browser, served.address) as page:
         yield page
 
 

@@ -138,7 +138,7 @@ def test_what_another_program_writes_is_taken_or_asked_about(desk: Desk, scene: 
     assert desk.errors == []
 
 
-def test_variants_are_tabs(browser: Any, serving: Callable[..., Any], scene: Path) -> None:
+def test_variants_are_tabs(desk: Desk, scene: Path) -> None:
     """What is done in one is written there, and the scene itself stays."""
 
     def named(text: str) -> None:
@@ -148,48 +148,46 @@ def test_variants_are_tabs(browser: Any, serving: Callable[..., Any], scene: Pat
     def tabs() -> list[str]:
         return list(desk.page.eval_on_selector_all(".variant-tab", "all => all.map(t => t.textContent)"))
 
-    served = serving(scene)
-    with seated(browser, served.address) as desk:
-        desk.page.click("[aria-label='New variant']")
-        assert desk.grave("dialog") == []
-        named("2 much")
-        assert "starts with a letter" in desk.page.inner_text("dialog [role=alert]")
-        named("heavy")
-        until(desk, "s.variant === 'heavy'")
-        desk.settled()
-        edit(desk, "objects.ball.mass", 500)
-        assert "variants:\n  heavy" in desk.state["text"]
-        assert "mass: 50 " in desk.state["text"]
-        assert desk.state["scene"]["objects"]["ball"]["mass"] == 500
-        desk.page.click("[aria-label='This variant']")
-        desk.page.click("text=Duplicate …")
-        named("heavier")
-        until(desk, "s.variant === 'heavier'")
-        desk.settled()
-        edit(desk, "objects.ball.mass", 900)
-        desk.page.keyboard.press("Control+s")
-        until(desk, "s.file.saved")
-        desk.settled()
-        assert desk.state["variant"] == "heavier", "saving does not leave it"
-        desk.page.focus(".variant-tab[aria-selected=true]")
-        desk.page.keyboard.press("F2")
-        named("lead")
-        until(desk, "s.variant === 'lead'")
-        assert tabs() == ["scene", "heavy", "lead"]
-        desk.page.focus(".variant-tab[aria-selected=true]")
-        for want in ("heavy", None):
-            desk.page.keyboard.press("ArrowLeft")
-            desk.page.wait_for_function("want => window.editor.variant === want", arg=want)
-        until(desk, "s.scene.objects.ball.mass === 50")
-        desk.page.keyboard.press("End")
-        desk.page.wait_for_function("() => window.editor.variant === 'lead'")
-        desk.page.keyboard.press("Delete")
-        answer(desk, "true")
-        desk.page.wait_for_function("() => window.editor.state.variants.join() === 'heavy'")
-        desk.settled()
-        desk.page.keyboard.press("Control+s")
-        until(desk, "s.file.saved")
-        assert desk.errors == []
+    desk.page.click("[aria-label='New variant']")
+    assert desk.grave("dialog") == []
+    named("2 much")
+    assert "starts with a letter" in desk.page.inner_text("dialog [role=alert]")
+    named("heavy")
+    until(desk, "s.variant === 'heavy'")
+    desk.settled()
+    edit(desk, "objects.ball.mass", 500)
+    assert "variants:\n  heavy" in desk.state["text"]
+    assert "mass: 50 " in desk.state["text"]
+    assert desk.state["scene"]["objects"]["ball"]["mass"] == 500
+    desk.page.click("[aria-label='This variant']")
+    desk.page.click("text=Duplicate …")
+    named("heavier")
+    until(desk, "s.variant === 'heavier'")
+    desk.settled()
+    edit(desk, "objects.ball.mass", 900)
+    desk.page.keyboard.press("Control+s")
+    until(desk, "s.file.saved")
+    desk.settled()
+    assert desk.state["variant"] == "heavier", "saving does not leave it"
+    desk.page.focus(".variant-tab[aria-selected=true]")
+    desk.page.keyboard.press("F2")
+    named("lead")
+    until(desk, "s.variant === 'lead'")
+    assert tabs() == ["scene", "heavy", "lead"]
+    desk.page.focus(".variant-tab[aria-selected=true]")
+    for want in ("heavy", None):
+        desk.page.keyboard.press("ArrowLeft")
+        desk.page.wait_for_function("want => window.editor.variant === want", arg=want)
+    until(desk, "s.scene.objects.ball.mass === 50")
+    desk.page.keyboard.press("End")
+    desk.page.wait_for_function("() => window.editor.variant === 'lead'")
+    desk.page.keyboard.press("Delete")
+    answer(desk, "true")
+    desk.page.wait_for_function("() => window.editor.state.variants.join() === 'heavy'")
+    desk.settled()
+    desk.page.keyboard.press("Control+s")
+    until(desk, "s.file.saved")
+    assert desk.errors == []
     assert load(scene, variant="heavy").objects[0].mass == 500
     assert load(scene).objects[0].mass == 50
     assert scene.read_text(encoding="utf-8").startswith(SCENE)

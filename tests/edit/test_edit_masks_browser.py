@@ -124,42 +124,36 @@ def test_a_click_chooses_and_a_label_gives_the_keys_back(desk: Desk) -> None:
     assert desk.errors == []
 
 
-def test_brush_and_eraser_take_what_they_touch(
-    browser: Any, serving: Callable[..., Any], scene: Path
-) -> None:
-    served = serving(scene)
+def test_brush_and_eraser_take_what_they_touch(desk: Desk, served: Any) -> None:
     before = shown(served)
     x, y = (round(value) for value in CENTRE)
-    with seated(browser, served.address) as desk:
-        masking(desk, "eraser")
-        sized(desk, 5)
-        a, b = (x - 12, y + 10), (x + 16, y + 10)
-        desk.drag(a, b)
-        done(desk)
-        gone = before & ~shown(served)
-        want = along(a, b, 5, before.shape) & before
-        assert overlap(gone, want) > 0.93, "a mouse is exact to a pixel of the screen"
-        desk.page.click("[data-way=brush]")
-        desk.drag(a, b)
-        done(desk)
-        assert (shown(served) & before).sum() > before.sum() - 12
-        # by keys: the cursor begins in the middle, so what is wiped is known to the pixel
-        desk.page.keyboard.press("4")
-        for _ in range(2):
-            desk.page.keyboard.press("[")
-        assert desk.page.inner_text(".mask-size output") == "6 px"
-        now = shown(served)
-        at = desk.page.evaluate(
-            "name => window.editor.state.derived.objects[name].centre.map(Math.round)", BALL
-        )
-        desk.page.evaluate("() => window.editor.useTool('push')")
-        desk.page.keyboard.press("m")
-        desk.page.wait_for_function("name => document.body.dataset.cover === name", arg=BALL)
-        desk.page.keyboard.press("Space")
-        for _ in range(8):
-            desk.page.keyboard.press("ArrowRight")
-        desk.page.keyboard.press("Space")
-        done(desk)
-        gone = now & ~shown(served)
-        assert (gone == (along(tuple(at), (at[0] + 8, at[1]), 3, now.shape) & now)).all()
-        assert desk.errors == []
+    masking(desk, "eraser")
+    sized(desk, 5)
+    a, b = (x - 12, y + 10), (x + 16, y + 10)
+    desk.drag(a, b)
+    done(desk)
+    gone = before & ~shown(served)
+    want = along(a, b, 5, before.shape) & before
+    assert overlap(gone, want) > 0.93, "a mouse is exact to a pixel of the screen"
+    desk.page.click("[data-way=brush]")
+    desk.drag(a, b)
+    done(desk)
+    assert (shown(served) & before).sum() > before.sum() - 12
+    # by keys: the cursor begins in the middle, so what is wiped is known to the pixel
+    desk.page.keyboard.press("4")
+    for _ in range(2):
+        desk.page.keyboard.press("[")
+    assert desk.page.inner_text(".mask-size output") == "6 px"
+    now = shown(served)
+    at = desk.page.evaluate("name => window.editor.state.derived.objects[name].centre.map(Math.round)", BALL)
+    desk.page.evaluate("() => window.editor.useTool('push')")
+    desk.page.keyboard.press("m")
+    desk.page.wait_for_function("name => document.body.dataset.cover === name", arg=BALL)
+    desk.page.keyboard.press("Space")
+    for _ in range(8):
+        desk.page.keyboard.press("ArrowRight")
+    desk.page.keyboard.press("Space")
+    done(desk)
+    gone = now & ~shown(served)
+    assert (gone == (along(tuple(at), (at[0] + 8, at[1]), 3, now.shape) & now)).all()
+    assert desk.errors == []

@@ -10,24 +10,13 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from written import commented
 
 from physgen import pipeline
 from physgen.cli.main import main
 from physgen.edit.operations import edited
 
 SCENES = sorted((Path(__file__).parents[2] / "scenes").glob("*/scene.yaml"))
-
-
-def commented(text: str) -> tuple[str, list[str]]:
-    """The text with a comment above every line that is no continuation, and behind some; and the lines put in."""
-    lines, mine = [], []
-    for number, line in enumerate(text.splitlines()):
-        start = line.lstrip()
-        if start and not start.startswith(("[", "#")):
-            mine.append(" " * (len(line) - len(start)) + f"# mine: {number}")
-            lines.append(mine[-1])
-        lines.append(f"{line}  # and {number}" if start.startswith("label:") and "#" not in line else line)
-    return "\n".join(lines) + "\n", mine
 
 
 @pytest.mark.parametrize("path", SCENES, ids=lambda path: path.parent.name)

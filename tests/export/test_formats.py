@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pytest
 from labelled import hall
 
 from physgen.cli.export import NAMES
@@ -58,15 +57,9 @@ def test_labels_that_are_there_are_not_lost(tmp_path, capsys) -> None:
     assert "holds video.mp4 of an earlier run" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("name", "said"),
-    [
-        ("tapvit", 'is no format; did you mean "tapvid"?'),
-    ],
-)
-def test_names_that_are_no_format(name: str, said: str, tmp_path, capsys) -> None:
-    assert main(["export", str(hall(tmp_path)), "--format", name, "-o", str(tmp_path / "out")]) == 2
-    assert f'--format: "{name}" {said}' in capsys.readouterr().err
+def test_a_name_that_is_no_format(tmp_path, capsys) -> None:
+    assert main(["export", str(hall(tmp_path)), "--format", "tapvit", "-o", str(tmp_path / "out")]) == 2
+    assert '--format: "tapvit" is no format; did you mean "tapvid"?' in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 

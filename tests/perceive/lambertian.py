@@ -79,6 +79,11 @@ def apart(said: np.ndarray, true: np.ndarray) -> np.ndarray:
     return np.degrees(np.arccos(np.clip((said * true).sum(-1), -1, 1)))
 
 
+def overlap(one: np.ndarray, other: np.ndarray) -> float:
+    """Intersection over union."""
+    return float((one & other).sum() / max((one | other).sum(), 1))
+
+
 def beyond_halos(coverage: np.ndarray) -> np.ndarray:
     """(H, W): farther from objects than rims and contact shadows reach."""
     away = cv2.distanceTransform((coverage == 0).astype(np.uint8), cv2.DIST_L2, 5)

@@ -17,7 +17,7 @@ from physgen.problems import InputError
 from physgen.registry import Backends
 from physgen.scene.load import load
 from physgen.scene.scene import Auto, Box, Circle, Motion, Solid, View
-from tests.perceive.lambertian import beyond_halos
+from tests.perceive.lambertian import beyond_halos, overlap
 
 
 def desk() -> tuple[np.ndarray, np.ndarray]:
@@ -163,10 +163,6 @@ def test_masks_of_another_size_or_of_nothing():
         perceive(rgb, from_masks(labels[:-1]))
     with pytest.raises(InputError, match="shows no object; mark them"):
         perceive(rgb, from_masks(np.zeros_like(labels)))
-
-
-def overlap(a: np.ndarray, b: np.ndarray) -> float:
-    return (a & b).sum() / (a | b).sum()
 
 
 def test_a_point_finds_what_is_of_one_colour():

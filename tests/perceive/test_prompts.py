@@ -16,6 +16,7 @@ from physgen.maps import read_labels
 from physgen.perceive.segment.prompts import Segmenter, from_prompts, segment_box
 from physgen.registry import Backends
 from physgen.scene.scene import BoxPrompt, PointPrompt
+from tests.perceive.lambertian import overlap
 
 Photo = tuple[NDArray[np.uint8], NDArray[np.uint16]]
 Sides = tuple[float, float, float, float]
@@ -63,10 +64,6 @@ def tight(mask: NDArray[np.bool_]) -> Sides:
 def moved(box: Sides, by: Sides) -> Sides:
     x, y, w, h = box
     return x - by[0] * w, y - by[1] * h, w * (1 + by[0] + by[2]), h * (1 + by[1] + by[3])
-
-
-def overlap(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:
-    return float((a & b).sum() / (a | b).sum())
 
 
 @pytest.mark.slow

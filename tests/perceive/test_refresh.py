@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import yaml
 from numpy.typing import NDArray
+from written import commented
 
 from physgen import pipeline
 from physgen.cli.main import main
@@ -373,21 +374,11 @@ HEAD = re.compile(r"# yaml-language-server|assets: |maps: ")
 """Lines that name the new maps."""
 
 
-def with_comments_everywhere(text: str) -> str:
-    lines = []
-    for number, line in enumerate(text.splitlines()):
-        start = line.lstrip()
-        if start and not start.startswith(("[", "#")):
-            lines.append(" " * (len(line) - len(start)) + f"# mine: {number}")
-        lines.append(line)
-    return "\n".join(lines) + "\n"
-
-
 def test_a_refresh_keeps_the_user_s_lines_and_numbers(scene: Path) -> None:
     text = re.sub(
         r"(  ball-2:\n(?:.*\n)*?    mass: )\S+.*", r"\g<1>21 g  # weighed it", scene.read_text(), count=1
     )
-    scene.write_text(with_comments_everywhere(text))
+    scene.write_text(commented(text)[0])
     assert "mass" not in pipeline.load(scene).objects[1].provenance
     assert "mass" in pipeline.load(scene).objects[0].provenance
     refreshed(scene)
@@ -495,7 +486,7 @@ def test_boundaries_that_a_user_changed_or_took_out_stay_so(scene: Path) -> None
 def test_a_refresh_changes_no_line_of_a_scene_written_by_hand(bundled: Path, tmp_path: Path) -> None:
     scene = tmp_path / "scene.yaml"
     shutil.copytree(bundled.parent, tmp_path, dirs_exist_ok=True)
-    scene.write_text(with_comments_everywhere(bundled.read_text()))
+    scene.write_text(commented(bundled.read_text())[0])
     refreshed(scene)
     after = scene.with_name("again.yaml").read_text().splitlines()
     gone = [line for line in scene.read_text().splitlines() if line not in after and not HEAD.match(line)]

@@ -12,6 +12,7 @@ from physgen.perceive.roles import BoundaryGuess, LightGuess, PhotoObject, Shado
 from physgen.perceive.shadow.shadow_removal import refill_background
 from physgen.photometry import DistantLight
 from physgen.scene.scene import View
+from tests.perceive.lambertian import overlap
 
 WIDTH, HEIGHT = 480, 320
 FLOOR = 240.5
@@ -73,11 +74,6 @@ def lift(background, labels, things, walls=None, view=View.SIDE):
     matter = registry.make("physics")(background, things, None)
     coverage = (labels > 0).astype(np.float32)
     return registry.make("shadow")(background, coverage, labels, things, matter, setting, GUESS)
-
-
-def overlap(one: np.ndarray, other: np.ndarray) -> float:
-    """Intersection over union."""
-    return float((one & other).sum() / max((one | other).sum(), 1))
 
 
 BLOCKS = [(120, 149, 180), (250, 279, 190)]

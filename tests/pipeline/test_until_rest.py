@@ -6,11 +6,11 @@ from math import sqrt
 from pathlib import Path
 
 import pytest
+from written import loaded
 
 from physgen import pipeline
 from physgen.pipeline.stages import Maps, Stages
 from physgen.problems import InputError
-from physgen.scene.scene import Scene
 
 FALL = """\
 physgen: 1
@@ -28,15 +28,9 @@ objects: {{a: {{shape: {{circle: {{center: [50, 100], radius: 10}}}}, velocity: 
 """
 
 
-def opened(tmp_path: Path, text: str) -> Scene:
-    path = tmp_path / "scene.yaml"
-    path.write_text(text)
-    return pipeline.load(path)
-
-
 @pytest.mark.parametrize("slow", [1, 4])
 def test_a_clip_ends_half_a_second_of_video_after_a_fall(tmp_path: Path, slow: int) -> None:
-    scene = opened(tmp_path, FALL.format("auto", slow))
+    scene = loaded(tmp_path, FALL.format("auto", slow))
     world = pipeline.compile(scene, None).world
     fallen = sqrt(2 * 200 / 200)  # s, from 40 + 10 to 250 px
     assert world.duration == pytest.approx(fallen + 0.5 / slow, abs=0.08)
@@ -45,9 +39,9 @@ def test_a_clip_ends_half_a_second_of_video_after_a_fall(tmp_path: Path, slow: i
 
 
 def test_a_number_fixes_it_and_no_key_is_two_seconds(tmp_path: Path) -> None:
-    assert pipeline.compile(opened(tmp_path, FALL.format("0.7", 1)), None).world.duration == 0.7
+    assert pipeline.compile(loaded(tmp_path, FALL.format("0.7", 1)), None).world.duration == 0.7
     text = FALL.format("auto", 1).replace(", duration: auto", "")
-    assert pipeline.compile(opened(tmp_path, text), None).world.duration == 2.0
+    assert pipeline.compile(loaded(tmp_path, text), None).world.duration == 2.0
 
 
 @pytest.mark.parametrize(
@@ -59,10 +53,10 @@ def test_a_number_fixes_it_and_no_key_is_two_seconds(tmp_path: Path) -> None:
     ],
 )
 def test_what_left_the_picture_rests(tmp_path: Path, speed: float, seconds: float) -> None:
-    world = pipeline.compile(opened(tmp_path, GLIDES.format(speed)), None).world
+    world = pipeline.compile(loaded(tmp_path, GLIDES.format(speed)), None).world
     assert world.duration == pytest.approx(seconds, abs=0.08)
 
 
 def test_other_words_are_refused_with_what_fits(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="s or min behind it, or auto"):
-        opened(tmp_path, FALL.format("long", 1))
+        loaded(tmp_path, FALL.format("long", 1))

@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+from written import loaded
 
 from physgen import pipeline
 from physgen.report.page import PageParts, report_page
@@ -31,8 +32,7 @@ fields:
 
 
 def test_the_page_shows_them(tmp_path: Path) -> None:
-    (tmp_path / "scene.yaml").write_text(SCENE)
-    scene = pipeline.load(tmp_path / "scene.yaml")
+    scene = loaded(tmp_path, SCENE)
     world, photo = pipeline.compile(scene, None).world, np.zeros((150, 200, 3), np.uint8)
     page = report_page(scene, world, RunRecord("scene", ["physgen"]), photo, None, SCENE, PageParts())
     assert len(re.findall(r'<polyline class="wall" points="[^"]+"><title>frame', page)) == 1

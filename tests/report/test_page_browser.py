@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import written
 from browser import G, V, fallen, grave, opened, overflowing, report, unfolded
 from pytest import approx
 
@@ -111,8 +112,7 @@ objects:
 boundaries:
   w: {polyline: [[10, 190], [100, 180], [190, 195]]}
 """
-    (tmp_path / "scene.yaml").write_text(text)
-    world = pipeline.compile(pipeline.load(tmp_path / "scene.yaml"), None).world
+    world = written.world(tmp_path, text)
     data = {"walls": [{"chains": [chain.tolist() for chain in wall.chains]} for wall in world.walls]}
     bodies = [
         {"rings": [ring.tolist() for ring in body.rings]}

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from written import loaded
+
 from physgen import pipeline
 from physgen.report.parameters import collapsed, parameter_rows
 from physgen.scene.provenance import Source, source
@@ -26,8 +28,7 @@ variants: {fast: {objects.a.velocity: [3, 4]}}
 
 def test_each_number_has_its_source(tmp_path: Path) -> None:
     (tmp_path / "base.yaml").write_text(BASE)
-    (tmp_path / "scene.yaml").write_text(SCENE)
-    scene = pipeline.load(tmp_path / "scene.yaml", ["objects.a.spin=90", "objects.*.elasticity=0.1"], "fast")
+    scene = loaded(tmp_path, SCENE, "objects.a.spin=90", "objects.*.elasticity=0.1", variant="fast")
     world = pipeline.compile(scene, None).world
     a, b, floor = parameter_rows(scene, world, "fast")
     found = {name: cell.source for name, cell in a.cells.items()}
@@ -61,10 +62,7 @@ def test_objects_with_equal_rows_share_one(tmp_path: Path) -> None:
         for k in (1, 2, 3, 5)
     ]
     other = "  ball-4: {shape: {circle: {center: [36, 9], radius: 4}}, mass: 6}"
-    (tmp_path / "scene.yaml").write_text(
-        "\n".join(["physgen: 1", "size: [60, 20]", "objects:", *lines, other])
-    )
-    scene = pipeline.load(tmp_path / "scene.yaml")
+    scene = loaded(tmp_path, "\n".join(["physgen: 1", "size: [60, 20]", "objects:", *lines, other]))
     alike, apart = collapsed(parameter_rows(scene, pipeline.compile(scene, None).world, None))
     assert (alike.name, apart.name) == ("ball-1 to ball-3, ball-5", "ball-4")
     assert alike.cells["mass"].source == Source("file", "lines 4 to 7")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from written import loaded
 
 from physgen import pipeline
 from physgen.report.films import Film
@@ -40,8 +41,7 @@ NOTE = {
 def page_of(
     tmp_path: Path, refine: dict | None, video: str = "video.mp4", shown: Comparison | None = None
 ) -> str:
-    (tmp_path / "scene.yaml").write_text(SCENE)
-    scene = pipeline.load(tmp_path / "scene.yaml")
+    scene = loaded(tmp_path, SCENE)
     record = RunRecord("scene", ["physgen"], refine=refine, unrefined=["0"] * 12)
     world, film = pipeline.compile(scene, None).world, Film(video, True, video)
     first = np.zeros((150, 200, 3), np.uint8)

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from written import world
 
-from physgen import pipeline
-from physgen.compile.world import World
 from physgen.simulate.engine import simulate
 from physgen.simulate.recorder import StepLog
 
@@ -42,11 +41,6 @@ objects:
 boundaries:
   rim: {polyline: [[20, 20], [380, 20], [380, 280], [20, 280], [20, 20]], elasticity: 0.7}
 """
-
-
-def world(tmp_path: Path, text: str) -> World:
-    (tmp_path / "scene.yaml").write_text(text)
-    return pipeline.compile(pipeline.load(tmp_path / "scene.yaml"), None).world
 
 
 MOMENTS = np.unique(np.concatenate([np.linspace(0, 0.45, 137), [0.1003, 0.25]]))

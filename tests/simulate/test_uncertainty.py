@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy import stats
+from written import loaded
 
 from physgen import pipeline
 from physgen.simulate.uncertainty import Ensemble, Fate, simulate_ensemble, verdicts
@@ -16,11 +17,8 @@ SLOPE = 24.0
 """degrees."""
 
 
-def made(
-    tmp_path: Path, text: str, count: int, seed: int = 0, overrides: list[str] | None = None
-) -> Ensemble:
-    (tmp_path / "scene.yaml").write_text(text)
-    scene = pipeline.load(tmp_path / "scene.yaml", overrides or [])
+def made(tmp_path: Path, text: str, count: int, seed: int = 0) -> Ensemble:
+    scene = loaded(tmp_path, text)
     return simulate_ensemble(scene, pipeline.compile(scene, None), count, seed)
 
 
