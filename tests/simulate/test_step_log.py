@@ -10,6 +10,7 @@ from written import world
 
 from physgen.simulate.engine import simulate
 from physgen.simulate.recorder import StepLog
+from physgen.simulate.trajectory import Trajectory
 
 BUSY = """\
 physgen: 1
@@ -46,6 +47,12 @@ boundaries:
 MOMENTS = np.unique(np.concatenate([np.linspace(0, 0.45, 137), [0.1003, 0.25]]))
 
 
+def assert_equal(told: Trajectory, again: Trajectory) -> None:
+    for name, array in again.as_arrays().items():
+        if not name.startswith("effort"):
+            assert np.array_equal(told.as_arrays()[name], array), name
+
+
 @pytest.mark.parametrize("text", [BUSY, ROUND], ids=["busy", "round"])
 def test_what_was_kept_is_what_would_be_run(tmp_path: Path, text: str) -> None:
     """Also where it ends before the run does: what comes after has no part in it."""
@@ -55,9 +62,7 @@ def test_what_was_kept_is_what_would_be_run(tmp_path: Path, text: str) -> None:
     for times in (MOMENTS, MOMENTS[:40], np.zeros(1), run.times):
         told, again = tape.read(times), simulate(made, times)
         assert told is not None
-        for name, array in again.as_arrays().items():
-            if not name.startswith("effort"):
-                assert np.array_equal(told.as_arrays()[name], array), name
+        assert_equal(told, again)
         assert told.effort == run.effort
 
 
@@ -66,9 +71,7 @@ def test_a_run_goes_on_for_who_asks_for_later(tmp_path: Path) -> None:
     short = simulate(made, MOMENTS[:40], tape=tape)
     told, again = tape.read(MOMENTS), simulate(made, MOMENTS)
     assert told is not None
-    for name, array in again.as_arrays().items():
-        if not name.startswith("effort"):
-            assert np.array_equal(told.as_arrays()[name], array), name
+    assert_equal(told, again)
     before = simulate(made, MOMENTS[:40]).as_arrays()  # what was handed out stays as it was
     assert all(np.array_equal(before[name], array) for name, array in short.as_arrays().items())
 

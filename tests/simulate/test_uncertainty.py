@@ -11,7 +11,7 @@ from scipy import stats
 from written import loaded
 
 from physgen import pipeline
-from physgen.simulate.uncertainty import Ensemble, Fate, simulate_ensemble, verdicts
+from physgen.simulate.uncertainty import Ensemble, Fate, radius, simulate_ensemble, verdicts, wilson
 
 SLOPE = 24.0
 """degrees."""
@@ -168,3 +168,14 @@ objects:
     assert "10^9" in str(found.failures[0])
     assert {v.total for v in verdicts(found)} == {int((~far).sum())}
     assert found.table().count("\n") == 13
+
+
+@pytest.mark.parametrize(("count", "total"), [(0, 2), (13, 32), (32, 32), (1, 1000)])
+def test_intervals_are_wilsons(count: int, total: int) -> None:
+    known = stats.binomtest(count, total).proportion_ci(0.95, method="wilson")
+    assert wilson(count, total) == pytest.approx((known.low, known.high), abs=1e-9)
+
+
+def test_nine_of_ten_places_lie_within_the_radius() -> None:
+    places = np.random.default_rng(3).normal(0, 10, (4000, 2))
+    assert radius(places) == pytest.approx(10 * np.sqrt(stats.chi2(2).ppf(0.9)), rel=0.05)
