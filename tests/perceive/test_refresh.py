@@ -183,7 +183,7 @@ def test_a_changed_label_or_scale_counts_at_once_as_after_a_refresh(
     assert scene.read_text() != text
     assert main(["check", str(scene), "--strict"]) == 2
     said = capsys.readouterr().err
-    assert "perceive --refresh SCENE -o NEW writes them" in said
+    assert "perceive --refresh writes them" in said
     by_labels = "is the scale by the labels that you changed, not the 600 px/m of this line"
     assert (by_labels in said) is ("billiard" in edit[1])
     at_once = pipeline.load(scene)
