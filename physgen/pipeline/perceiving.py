@@ -201,7 +201,6 @@ def refresh(
     warning for objects inside them.
     """
     from physgen.compile.compile import compile_scene
-    from physgen.maps import read_percepts
     from physgen.perceive import refresh as old_and_new
     from physgen.perceive.document import relabel_objects, write_scene
     from physgen.perceive.perceive import fit_objects
@@ -209,6 +208,7 @@ def refresh(
     from physgen.perceive.roles import Name
     from physgen.perceive.segment.prompts import Segmenter, weak_prompts
     from physgen.photos import read_photo
+    from physgen.pipeline.stages import percepts
     from physgen.registry import Backends
     from physgen.scene.load import load, raw_document
     from physgen.scene.provenance import follows_scale
@@ -219,7 +219,7 @@ def refresh(
     scene = load(path, allow_outside=options.allow_outside)
     if scene.image is None:
         raise InputError.of("--refresh", f'"{path}"', "shows no photo", "name one with image:")
-    maps = read_percepts(scene.image, scene.assets, scene.maps)
+    maps = percepts(scene)
     kept = compile_scene(scene, None if maps is None else maps.labels).labels
     photo = read_photo(scene.image)
     find = Segmenter(crew, options.asked)

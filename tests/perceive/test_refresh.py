@@ -298,6 +298,10 @@ def test_a_scene_is_refreshed_in_place(scene: Path, capsys: pytest.CaptureFixtur
     scene.write_text(before + "# mine\n")
     assert main(["perceive", "--refresh", str(scene)]) == 0
     assert "# mine" in scene.read_text()
+    masks = next(scene.parent.glob("*/masks.png"))
+    masks.write_bytes(masks.read_bytes()[:80])
+    assert main(["perceive", "--refresh", str(scene)]) == 2
+    assert f'"{masks.parent.name}/masks.png" is not a picture' in capsys.readouterr().err
     pack = scene.with_suffix(".physgen")
     assert main(["perceive", "--refresh", str(pack)]) == 2
     assert "-o NEW.yaml" in capsys.readouterr().err
