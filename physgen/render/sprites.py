@@ -274,13 +274,11 @@ def cut_sprites(
         alpha = np.where(soft > CUT.least, coverage[box] * share, 0.0).astype(np.float32)
         alpha[(labels[box] == k + 1) & (alpha > 0.995)] = 1.0
         light = _foreground(photo[box], behind[box], labels[box] == k + 1, alpha, share)
-        mine = labels[box] == k + 1
+        mine, none = labels[box] == k + 1, np.zeros(alpha.shape, np.bool_)
         others = np.where(mine, 0, labels[box]).astype(np.int32)
-        touching = _nearest(others, np.zeros_like(mine), CUT.touching)
-        if touching.any():
-            part = hidden.get(k) or _Hidden(
-                boxes[k + 1], labels[box], np.zeros_like(alpha), ~mine & mine, others > 0
-            )
+        touching, by = _nearest(others, none, CUT.touching), (others > 0) | absent[box]
+        if k in hidden or (dilate(by, CUT.clean) & mine).any():
+            part = hidden.get(k) or _Hidden(boxes[k + 1], labels[box], np.zeros_like(alpha), none, by)
             light, alpha = _completed(photo[box], mine, light, alpha, coverage[box], part)
         sprites.append(
             Sprite(
@@ -311,7 +309,7 @@ class _Hidden:
 
 
 def _hidden(labels: U16, absent: Mask, k: int, shape: Outline, box: PixelBox) -> _Hidden | None:
-    """What other objects hide of body k's shape, whose mask's box is given; slivers along shared borders are none."""
+    """What other objects hide of body k's shape, whose mask's box is given; None: nothing."""
     flat, (left, top) = coverage_box(shape, (0, 0, labels.shape[1], labels.shape[0]))
     if not flat.size:
         return None
@@ -327,9 +325,8 @@ def _hidden(labels: U16, absent: Mask, k: int, shape: Outline, box: PixelBox) ->
     both = near & np.logical_and(*_beside(mine, by))
     solid = cover >= 0.5
     tops = solid.argmax(axis=0)[solid.any(axis=0)]
-    if (
-        np.ptp(np.percentile(tops, (10, 90))) <= CUT.flat
-    ):  # above a level top: a face of it, seen on either side
+    # above a level top: a face of it, seen on either side
+    if len(tops) and np.ptp(np.percentile(tops, (10, 90))) <= CUT.flat:
         tall = np.ones((2 * round(CUT.face * reach) + 1, 1), np.uint8)
         over = cv2.dilate(solid.astype(np.uint8), tall) > 0
         both |= over & np.logical_or(*_beside(mine & ~solid, by))

@@ -104,7 +104,7 @@ function start(root, physics, data) {
   const pace = +clip.pace.toPrecision(6);
   const named = (r) => (r >= 1 ? `${+r.toPrecision(3)}×` : Number.isInteger(+(1 / r).toFixed(3)) ? `1/${Math.round(1 / r)}×` : `${+r.toPrecision(2)}×`);
   for (const r of rates) {
-    const parts = [named(r), ...(r === 1 ? ["real time"] : []), ...(r === pace && pace !== 1 ? ["as the video"] : [])];
+    const parts = [named(r), ...(r === 1 ? ["real time"] : []), ...(r === pace && pace !== 1 ? ["the video's"] : [])];
     $("rate").append(tag("option", { value: String(r) }, parts.join(" · ")));
   }
   clock.rate = pace;

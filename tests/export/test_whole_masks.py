@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from labelled import ROOT, Labelled, labelled
@@ -70,9 +71,10 @@ def test_of_a_photo_too_however_it_is_filmed(film: tuple[str, ...], tmp_path) ->
         alone = without(clip, *(other for other in clip.names if other != name))
         masks = [alone.mask(k, name) for k in range(len(clip.ids))]
         assert {k for k, mask in enumerate(masks) if mask.any()} == {k for k, other in whole if other == name}
-        for k, mask in enumerate(masks):  # which of two that touch hides the other, both show together alone
-            if mask.any():
-                assert (whole[k, name] != mask).sum() < 0.02 * mask.sum()
+        for k, mask in enumerate(masks):
+            if mask.any():  # slivers along a border that two claim belong to one of them where both are there
+                off = (whole[k, name] != mask).astype(np.uint8)
+                assert not cv2.morphologyEx(off, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)).any()
     # tins touch: that one is taken away leaves their common border where it was
     fewer = labelled(photo, tmp_path / "fewer", "coco", *without(clip, "ball", "tin-6").edits)
     assert all(np.array_equal(mask, whole[key]) for key, mask in fewer.whole.items())

@@ -98,6 +98,31 @@ def test_a_hidden_part_is_there_when_the_other_leaves(kind: str, names: str, tmp
     assert np.percentile(np.abs(decode(last) - alone)[line & whole], 99) < 0.05
 
 
+@pytest.mark.parametrize("kind", BACK)
+def test_a_hidden_part_is_there_when_the_other_is_left_out(kind: str, tmp_path: Path) -> None:
+    ground, alone, _, labels = pictures(kind, 104 if kind == "ball" else 80)
+    frames(kind, "ab", 0, 0, tmp_path)
+    last = drawn(tmp_path / "scene.yaml", "objects.b=null")
+    hidden = (labels == 2) & (np.abs(alone - ground).max(axis=2) > 0)
+    inner = cv2.erode(hidden.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    assert np.abs(decode(last) - alone)[inner].mean() < 0.3 * np.abs(ground - alone)[inner].mean()
+
+
+def test_a_shape_smaller_than_a_pixel(tmp_path: Path) -> None:
+    photo, *_ = frames("ball", "ab", 0, 0, tmp_path)
+    tiny = "objects.a.shape={circle: {center: [80, 60], radius: 0.3}}"
+    assert np.array_equal(drawn(tmp_path / "scene.yaml", tiny), photo)
+
+
+def drawn(path: Path, edit: str) -> np.ndarray:
+    """sRGB of the first frame of a scene with an edit."""
+    scene = pipeline.load(path, [edit])
+    maps = pipeline.percepts(scene)
+    compiled = pipeline.compile(scene, maps)
+    stage = pipeline.stage(scene, compiled, maps)
+    return next(f.rgb for f in pipeline.render(stage, simulate(compiled.world, np.array([0.0]))))
+
+
 @pytest.mark.parametrize("layer", [-1, 0, 1])
 def test_a_layer_decides_what_is_in_front(layer: int, tmp_path: Path) -> None:
     """Shifted by 24 px, the box covers what the photo shows of the plank, or goes behind it."""
