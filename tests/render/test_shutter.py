@@ -64,24 +64,32 @@ def test_it_is_the_mean_of_light(tmp_path) -> None:
         assert np.abs(decode(frame.rgb) - mean).max() < 0.006
 
 
-@pytest.mark.slow
-def test_a_smeared_picture_is_the_mean_of_many(bundled) -> None:
-    """Of balls that roll, throw shadows and shade each other, beside the mean of every moment drawn by itself."""
-    scene = pipeline.load(bundled / "billiards" / "scene.yaml", ["world.duration=0.3"])
+def spread(frames: list[np.ndarray], others: list[np.ndarray]) -> float:
+    """Levels: the root of the mean square of their differences."""
+    return float(np.sqrt(np.mean((np.array(frames, np.float32) - np.array(others, np.float32)) ** 2)))
+
+
+def three_ways(path, *edits: str) -> tuple[list[np.ndarray], ...]:
+    """sRGB of a clip's frames without blur, smeared, and as the mean of every moment drawn by itself."""
+    scene = pipeline.load(path, edits)
     maps = pipeline.percepts(scene)
     compiled = pipeline.compile(scene, maps)
     stage = pipeline.stage(scene, compiled, maps)
     trajectory = simulate(compiled.world)
     times, parts = exposure_times(trajectory, compiled.world, 0.5)
     fine = simulate(compiled.world, times)
-    smeared = [frame.rgb for frame in pipeline.render(stage, fine, parts)]
-    exact = [frame.rgb for frame in mean_exposures(pipeline.render(stage, fine), parts)]
-    sharp = [frame.rgb for frame in pipeline.render(stage, trajectory)]
-    assert np.array_equal(smeared[0], maps.rgb)
-    one, other = (
-        np.sqrt(np.mean((np.array(frames, np.float32) - np.array(exact, np.float32)) ** 2))
-        for frames in (smeared, sharp)
-    )
+    frames = pipeline.render(stage, trajectory), pipeline.render(stage, fine, parts)
+    exact = mean_exposures(pipeline.render(stage, fine), parts)
+    sharp, smeared, mean = ([frame.rgb for frame in some] for some in (*frames, exact))
+    return sharp, smeared, mean
+
+
+@pytest.mark.slow
+def test_a_smeared_picture_is_the_mean_of_many(bundled) -> None:
+    """Of balls that roll, throw shadows and shade each other, beside the mean of every moment drawn by itself."""
+    sharp, smeared, exact = three_ways(bundled / "billiards" / "scene.yaml", "world.duration=0.3")
+    assert np.array_equal(smeared[0], sharp[0])
+    one, other = (spread(frames, exact) for frames in (smeared, sharp))
     assert one < 0.5 * other
 
 
@@ -108,10 +116,7 @@ def test_a_moving_camera_sees_the_mean_of_many(bundled, monkeypatch) -> None:
     monkeypatch.setattr(camera_module, "resample_picture", lambda *a: views.append(1) or resample(*a))
     smeared = [frame.rgb for frame in pipeline.render(stage, fine, parts, through)]
     assert len(views) <= 4 * len(smeared)
-    one, other = (
-        np.sqrt(np.mean((np.array(frames, np.float32) - np.array(exact, np.float32)) ** 2))
-        for frames in (smeared, sharp)
-    )
+    one, other = (spread(frames, exact) for frames in (smeared, sharp))
     assert one < 0.15 * other
 
 
@@ -133,14 +138,7 @@ def test_what_leaves_the_picture_is_the_mean_of_many_too(tmp_path, what) -> None
         "physgen: 1\nsize: [160, 60]\nworld: {view: top, duration: 0.2}\n"
         f"objects: {{a: {{shape: {shape}{solid}, velocity: {velocity}, spin: {spin}}}}}\n"
     )
-    scene = pipeline.load(path)
-    compiled = pipeline.compile(scene, None)
-    stage = pipeline.stage(scene, compiled, None)
-    trajectory = simulate(compiled.world)
-    times, parts = exposure_times(trajectory, compiled.world, 0.5)
-    fine = simulate(compiled.world, times)
-    smeared = [frame.rgb for frame in pipeline.render(stage, fine, parts)]
-    exact = [frame.rgb for frame in mean_exposures(pipeline.render(stage, fine), parts)]
+    _, smeared, exact = three_ways(path)
     assert (exact[-1] == exact[-1][0, 0]).all(), "it has left"
     for one, other in zip(smeared, exact, strict=True):
         assert (
