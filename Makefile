@@ -43,7 +43,7 @@ SEG = studio/segmentation
 train: .venv/.studio
 	$(BIN)/python -m pip install --quiet $(TORCH)
 	$(BIN)/python $(SEG)/gather.py --drawn 4000 -o out/segmentation/drawn
-	$(BIN)/python $(SEG)/homes/make.py --family train --count 340 --seed 0 --size 320 -o out/segmentation/homes --jobs 2
+	$(BIN)/python $(SEG)/homes/make.py --count 340 --seed 0 --size 320 -o out/segmentation/homes --jobs 2
 	$(BIN)/python $(SEG)/gather.py --pictures out/segmentation/homes -o out/segmentation/homes-store
 	$(BIN)/python $(SEG)/coco.py -o out/segmentation/coco
 	$(BIN)/python $(SEG)/train.py out/segmentation/drawn=0.25 out/segmentation/homes-store=0.3 out/segmentation/coco=0.45 --steps 3200 -o out/segmentation

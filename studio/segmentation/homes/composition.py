@@ -1,4 +1,4 @@
-"""A seed and a family in, a composed `Shot` out: the room, what stands in it, the camera. No Mitsuba."""
+"""A seed in, a composed `Shot` out: the room, what stands in it, the camera. No Mitsuba."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from studio.segmentation.homes import dwellings, rooms, roster
+from studio.segmentation.homes import rooms, roster
 from studio.segmentation.homes.furniture import Room
 from studio.segmentation.homes.placement import Placed, Support, arrange
 from studio.segmentation.homes.prints import Rng
 
 SCANNED = 0.6
-"""Share of the rooms of `train` where every other thing is a scanned one."""
+"""Share of the rooms where every other thing is a scanned one."""
 CLOSE = 0.3
-"""Share of the photos of `train` whose camera looks at one thing."""
+"""Share of the photos whose camera looks at one thing."""
 
 
 @dataclass(frozen=True)
@@ -60,25 +60,19 @@ class Shot:
     camera: Camera
 
 
-def shot(seed: int, family: str, long_side: int) -> Shot:
-    """The same for the same numbers; `family` is "train" or "homes"; the photo's longer side is `long_side` px."""
-    rng = np.random.default_rng([seed, {"train": 11, "homes": 23}[family]])
-    if family == "train":
-        room = rooms.room(rng)
-        kinds = some(rng, list(roster.makers(family)))
-        if rng.random() < SCANNED and "scan" in roster.makers(family):
-            kinds += ["scan"] * len(kinds)
-        count = int(rng.choice([0, 1, 2, 3, *range(4, 13), *range(4, 13), *range(13, 26)]))
-    else:
-        name = list(dwellings.KINDS)[seed % len(dwellings.KINDS)]
-        room = dwellings.dwelling(rng, name)
-        kinds = dwellings.KINDS[name]
-        count = int(rng.integers(5, 16))
+def shot(seed: int, long_side: int) -> Shot:
+    """The same for the same numbers; the photo's longer side is `long_side` px."""
+    rng = np.random.default_rng([seed, 11])
+    room = rooms.room(rng)
+    kinds = some(rng, list(roster.makers()))
+    if rng.random() < SCANNED and "scan" in roster.makers():
+        kinds += ["scan"] * len(kinds)
+    count = int(rng.choice([0, 1, 2, 3, *range(4, 13), *range(4, 13), *range(13, 26)]))
     placed: list[Placed] = []
     shares = [count] if len(room.supports) == 1 else split(rng, count, len(room.supports))
     for support, share in zip(room.supports, shares, strict=True):
-        placed += arrange(support, share, family, kinds, rng)
-    return Shot(room, placed, camera(rng, room, placed, family, long_side))
+        placed += arrange(support, share, kinds, rng)
+    return Shot(room, placed, camera(rng, room, placed, long_side))
 
 
 def some(rng: Rng, kinds: list[str]) -> list[str]:
@@ -93,16 +87,16 @@ def split(rng: Rng, count: int, ways: int) -> list[int]:
     return [int(p) for p in parts]
 
 
-def camera(rng: Rng, room: Room, placed: list[Placed], family: str, long_side: int) -> Camera:
+def camera(rng: Rng, room: Room, placed: list[Placed], long_side: int) -> Camera:
     """Looks at what is placed, from where the room says, so near that most of it fills the photo."""
-    sides = [4 / 3, 3 / 2, 1.0, 3 / 4, 4 / 3] if family == "train" else [4 / 3, 3 / 2, 16 / 9, 3 / 4, 4 / 5]
+    sides = [4 / 3, 3 / 2, 1.0, 3 / 4, 4 / 3]
     aspect = float(rng.choice(sides))
     size = (long_side, round(long_side / aspect)) if aspect >= 1 else (round(long_side * aspect), long_side)
     first = room.supports[0]
     wide = first.size[0]
     near = placed
     if placed:
-        if family == "train" and rng.random() < CLOSE:
+        if rng.random() < CLOSE:
             near = [placed[int(rng.integers(len(placed)))]]
         points = np.concatenate([part.solid.vertices[::7] for p in near for part in p.parts])
         low, high = points.min(0), points.max(0)
@@ -114,9 +108,9 @@ def camera(rng: Rng, room: Room, placed: list[Placed], family: str, long_side: i
     )
     if room.elevation[1] > 45:
         spread = max(spread, (high - low)[1] * aspect)
-    spread *= rng.uniform(0.75, 1.5) if family == "train" else rng.uniform(0.92, 1.25)
-    target = middle + rng.normal(0, 0.06 if family == "train" else 0.03, 3) * spread * [1, 1, 0.5]
-    fov = rng.uniform(22, 48) if family == "train" else rng.uniform(34, 58)
+    spread *= rng.uniform(0.75, 1.5)
+    target = middle + rng.normal(0, 0.06, 3) * spread * [1, 1, 0.5]
+    fov = rng.uniform(22, 48)
     elevation = np.radians(rng.uniform(*room.elevation))
     azimuth = np.radians(rng.uniform(-room.azimuth, room.azimuth))
     visible = spread if aspect >= 1 else spread / aspect
@@ -124,8 +118,8 @@ def camera(rng: Rng, room: Room, placed: list[Placed], family: str, long_side: i
     toward = np.array(
         [np.sin(azimuth) * np.cos(elevation), -np.cos(azimuth) * np.cos(elevation), np.sin(elevation)]
     )
-    roll = np.radians(rng.normal(0, 3 if family == "train" else 1.2))
-    if elevation > np.radians(70) and family == "train":
+    roll = np.radians(rng.normal(0, 3))
+    if elevation > np.radians(70):
         roll = rng.uniform(-np.pi, np.pi)
     level = (
         np.array([-np.sin(azimuth), np.cos(azimuth), 0])

@@ -1,4 +1,4 @@
-"""What rooms are built of, none of it an object to be found: panels, boards, fronts, frames, windows, rugs, curtains."""
+"""What rooms are built of, none of it an object to be found: panels, boards, fronts, frames, rugs, curtains."""
 
 from __future__ import annotations
 
@@ -87,18 +87,18 @@ def wall(y: float, finish: str, skin: np.ndarray, metres: float, floor: float = 
     return panel([-3, y, floor], [6, 0, 0], [0, 0, 3], finish, skin, metres)
 
 
-def frame(rng: Rng, x: float, y: float, z: float, family: str) -> list[Part]:
+def frame(rng: Rng, x: float, y: float, z: float) -> list[Part]:
     """A picture or a mirror on a wall whose face is at `y`; its middle at (x, z)."""
     w, h = rng.uniform(0.12, 0.5, 2)
     bar, deep = rng.uniform(0.01, 0.03), 0.015
-    tone = prints.plain(prints.colour(rng, family))
+    tone = prints.plain(prints.colour(rng))
     bars = [box([w, deep, bar], 0.001).moved([x, y - deep / 2, z + s]) for s in (-h / 2, h / 2 - bar)]
     bars += [
         box([bar, deep, h - 2 * bar], 0.001).moved([x + s, y - deep / 2, z - h / 2 + bar])
         for s in (-w / 2 + bar / 2, w / 2 - bar / 2)
     ]
     mirror = rng.random() < 0.2
-    image = prints.plain([225, 228, 228]) if mirror else prints.pattern(rng, family)
+    image = prints.plain([225, 228, 228]) if mirror else prints.pattern(rng)
     sheet = panel(
         [x - w / 2, y - 0.004, z - h / 2], [w, 0, 0], [0, 0, h], "mirror" if mirror else "satin", image
     )
@@ -115,9 +115,7 @@ def socket(x: float, y: float, z: float) -> list[Part]:
     ]
 
 
-def fronts(
-    rng: Rng, width: float, height: float, y: float, top: float, skin: np.ndarray, family: str
-) -> list[Part]:
+def fronts(rng: Rng, width: float, height: float, y: float, top: float, skin: np.ndarray) -> list[Part]:
     """Drawers or doors below a counter, with handles; their faces at `y`, their upper edge at `top`."""
     columns, rows = int(rng.integers(2, 5)), int(rng.integers(1, 4))
     w, h = width / columns, height / rows
@@ -154,12 +152,3 @@ def rug(
     a = np.radians(turned)
     right, up = np.array([np.cos(a), np.sin(a), 0]) * w, np.array([-np.sin(a), np.cos(a), 0]) * d
     return panel(np.array([x, y, z]) - right / 2 - up / 2, right, up, "matt", skin)
-
-
-def window(rng: Rng, x: float, y: float, w: float, low: float, h: float) -> list[Part]:
-    """Frame and bars of a window in front of the day at `y`."""
-    bars = [box([w + 0.1, 0.05, 0.06], 0.004).moved([x, y, z]) for z in (low - 0.06, low + h)]
-    bars += [box([0.06, 0.05, h], 0.004).moved([x + s, y, low]) for s in (-w / 2, w / 2)]
-    if rng.random() < 0.7:
-        bars.append(box([0.05, 0.04, h], 0.003).moved([x + rng.uniform(-0.2, 0.2) * w, y, low]))
-    return [Part(join(bars), "satin", prints.plain([236, 235, 230]))]

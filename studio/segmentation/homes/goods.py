@@ -1,19 +1,19 @@
-"""Things of a desk, a shelf and a workshop, as random makers: (generator, family) in, `Thing` out; metres."""
+"""Things of a desk, a shelf and a workshop, as random makers: a generator in, `Thing` out; metres."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from studio.segmentation.homes import prints
-from studio.segmentation.homes.parts import Part, Thing, disc, flat, standing
+from studio.segmentation.homes.parts import Part, Thing, flat, standing
 from studio.segmentation.homes.prints import Rng
 from studio.segmentation.homes.solids import ball, box, extrude, join, lathe, rounded, sweep, turn
 
 
-def book(rng: Rng, family: str) -> Thing:
+def book(rng: Rng) -> Thing:
     """Standing upright with its back to the viewer; (width, depth, height) = thickness, page width, height."""
     thick, deep, tall = rng.uniform(0.008, 0.05), rng.uniform(0.1, 0.19), rng.uniform(0.15, 0.28)
-    face = prints.cover(rng, family)
+    face = prints.cover(rng)
     base = face[2:6, 2:6].mean((0, 1))
     back = prints.spine(rng, base)
     rim = np.broadcast_to(base, (8, 8, 3)).astype(np.float32)
@@ -31,10 +31,10 @@ def book(rng: Rng, family: str) -> Thing:
     )
 
 
-def carton(rng: Rng, family: str) -> Thing:
+def carton(rng: Rng) -> Thing:
     """A box: cereal, tea, a parcel, a tin with edges."""
     size = rng.uniform([0.04, 0.03, 0.04], [0.2, 0.12, 0.26])
-    faces = [prints.cover(rng, family), prints.cover(rng, family)]
+    faces = [prints.cover(rng), prints.cover(rng)]
     base = np.broadcast_to(faces[0][:3, :3].mean((0, 1)), (8, 8, 3)).astype(np.float32)
     if rng.random() < 0.25:
         kraft = prints.plain(np.array([188, 150, 108]) + rng.normal(0, 8, 3))
@@ -51,11 +51,11 @@ def carton(rng: Rng, family: str) -> Thing:
     )
 
 
-def block(rng: Rng, family: str) -> Thing:
+def block(rng: Rng) -> Thing:
     """A toy block: cube, brick, arch, wedge or cylinder."""
     a = rng.uniform(0.025, 0.06)
     wood = np.array([205, 165, 115]) + rng.normal(0, 14, 3)
-    skin = prints.plain(wood) if rng.random() < 0.3 else flat(rng, family)
+    skin = prints.plain(wood) if rng.random() < 0.3 else flat(rng)
     kind = rng.integers(5)
     top: tuple[float, float] | None = (a, a)
     if kind == 0:
@@ -66,7 +66,7 @@ def block(rng: Rng, family: str) -> Thing:
             chr(65 + rng.integers(26)),
             (24, 24),
             26,
-            prints.linear(prints.colour(rng, family)),
+            prints.linear(prints.colour(rng)),
             prints.FONTS[1],
         )
         skin = prints.net([glyph] * 6, 48)
@@ -94,11 +94,11 @@ def block(rng: Rng, family: str) -> Thing:
     return standing("block", [Part(body, str(rng.choice(["satin", "matt", "glossy"])), skin)], top=top)
 
 
-def candle(rng: Rng, family: str) -> Thing:
+def candle(rng: Rng) -> Thing:
     r, h = rng.uniform(0.01, 0.04), rng.uniform(0.04, 0.2)
     wax = lathe(rounded([[0, 0], [r, 0], [r, h], [r * 0.8, h + 0.001], [0, h - 0.004]], 1), 30)
     wick = sweep([[0, 0, h - 0.006], [0.001, 0, h + 0.006], [0.003, 0, h + 0.012]], 0.0009, around=6)
-    parts = [Part(wax, "satin", flat(rng, family)), Part(wick, "matt", prints.plain([40, 34, 30]))]
+    parts = [Part(wax, "satin", flat(rng)), Part(wick, "matt", prints.plain([40, 34, 30]))]
     if r < 0.02 or rng.random() < 0.3:
         dish = lathe(
             rounded(
@@ -114,42 +114,22 @@ def candle(rng: Rng, family: str) -> Thing:
             ),
             30,
         )
-        parts.append(Part(dish, str(rng.choice(["brushed", "glossy"])), flat(rng, family)))
+        parts.append(Part(dish, str(rng.choice(["brushed", "glossy"])), flat(rng)))
     return standing("candle", parts, True)
 
 
-def pencil(rng: Rng, family: str) -> Thing:
+def pencil(rng: Rng) -> Thing:
     """A pencil or a pen, lying along x."""
     length, r = rng.uniform(0.1, 0.18), rng.uniform(0.0032, 0.006)
     around = 6 if rng.random() < 0.5 else 16
     body = lathe([[0, 0], [r, 0], [r, length * 0.88], [0, length * 0.88]], around)
     tip = lathe([[0, length * 0.88], [r * 0.98, length * 0.88], [r * 0.25, length], [0, length]], around)
     lay = turn("y", 90)
-    parts = [Part(body, "satin", flat(rng, family)), Part(tip, "matt", prints.plain([214, 178, 130]))]
+    parts = [Part(body, "satin", flat(rng)), Part(tip, "matt", prints.plain([214, 178, 130]))]
     return standing("pencil", [p.moved(turn=lay) for p in parts], rod=length)
 
 
-def brush(rng: Rng, family: str) -> Thing:
-    """A paint brush, lying along x."""
-    length, r = rng.uniform(0.16, 0.26), rng.uniform(0.004, 0.009)
-    line = rounded(
-        [[0, 0], [r * 0.5, 0.004], [r, length * 0.3], [r * 0.7, length * 0.62], [0, length * 0.62]], 1
-    )
-    ferrule = lathe(
-        [[0, length * 0.6], [r * 0.85, length * 0.6], [r * 1.2, length * 0.76], [0, length * 0.76]], 16
-    )
-    hair = lathe(
-        rounded([[0, length * 0.74], [r * 1.1, length * 0.75], [r * 1.2, length * 0.88], [0, length]], 1), 16
-    )
-    parts = [
-        Part(lathe(line, 16), "satin", flat(rng, family)),
-        Part(ferrule, "steel", prints.plain([200, 200, 200])),
-        Part(hair, "matt", prints.plain([110, 80, 50])),
-    ]
-    return standing("brush", [p.moved(turn=turn("y", 90)) for p in parts], rod=length)
-
-
-def driver(rng: Rng, family: str) -> Thing:
+def driver(rng: Rng) -> Thing:
     """A screwdriver, lying along x."""
     length, r = rng.uniform(0.14, 0.24), rng.uniform(0.009, 0.015)
     grip = lathe(
@@ -167,11 +147,11 @@ def driver(rng: Rng, family: str) -> Thing:
         10,
     )
     shaft = lathe([[0, length * 0.4], [0.003, length * 0.4], [0.003, length], [0, length]], 12)
-    parts = [Part(grip, "glossy", flat(rng, family)), Part(shaft, "steel", prints.plain([200, 200, 205]))]
+    parts = [Part(grip, "glossy", flat(rng)), Part(shaft, "steel", prints.plain([200, 200, 205]))]
     return standing("driver", [p.moved(turn=turn("y", 90)) for p in parts], rod=length)
 
 
-def hammer(rng: Rng, family: str) -> Thing:
+def hammer(rng: Rng) -> Thing:
     length = rng.uniform(0.18, 0.28)
     shaft = sweep([[-length / 2, 0, 0], [0, 0, 0], [length / 2, 0, 0]], [0.011, 0.009, 0.009], 0.7, 14)
     head = lathe(
@@ -190,24 +170,10 @@ def hammer(rng: Rng, family: str) -> Thing:
         20,
     )
     parts = [
-        Part(shaft, "satin", flat(rng, family)),
+        Part(shaft, "satin", flat(rng)),
         Part(head.moved([length / 2 - 0.012, 0, 0], turn("x", 90)), "brushed", prints.plain([120, 120, 125])),
     ]
     return standing("hammer", parts)
-
-
-def phone(rng: Rng, family: str) -> Thing:
-    w, h = rng.uniform(0.066, 0.078), rng.uniform(0.135, 0.165)
-    body = extrude(_corners(w, h, 0.01), 0.008, 0.0012)
-    glass = extrude(_corners(w - 0.004, h - 0.004, 0.009), 0.0006).moved([0, 0, 0.0078])
-    screen = prints.plain([12, 13, 16]) if rng.random() < 0.6 else prints.homes_pattern(rng, 64, 36)
-    return standing(
-        "phone",
-        [
-            Part(body, "satin", prints.plain(rng.choice([[30, 30, 34], [225, 225, 228], [60, 80, 110]]))),
-            Part(glass, "glossy", screen),
-        ],
-    )
 
 
 def _corners(w: float, h: float, r: float) -> np.ndarray:
@@ -223,181 +189,9 @@ def _corners(w: float, h: float, r: float) -> np.ndarray:
     )
 
 
-def remote(rng: Rng, family: str) -> Thing:
-    w, h = rng.uniform(0.035, 0.05), rng.uniform(0.13, 0.19)
-    body = extrude(_corners(w, h, 0.012), 0.018, 0.004)
-    keys = [
-        lathe([[0, 0], [0.0036, 0], [0.003, 0.0025], [0, 0.0025]], 10).moved([x, y, 0.0175])
-        for y in np.arange(-h / 2 + 0.02, h / 2 - 0.015, 0.013)
-        for x in (-w * 0.25, 0, w * 0.25)
-    ]
-    tone = prints.plain(rng.choice([[32, 32, 34], [210, 210, 208], [70, 72, 78]]))
-    return standing(
-        "remote",
-        [
-            Part(body, "satin", tone),
-            Part(
-                join(keys), "matt", prints.plain(rng.choice([[150, 150, 150], [20, 20, 20], [170, 40, 40]]))
-            ),
-        ],
-    )
-
-
-def key(rng: Rng, family: str) -> Thing:
-    ring = sweep(
-        np.column_stack(
-            [
-                0.013 * np.cos(np.linspace(0, 2 * np.pi, 25)),
-                0.013 * np.sin(np.linspace(0, 2 * np.pi, 25)),
-                np.full(25, 0.002),
-            ]
-        ),
-        0.003,
-        0.6,
-        8,
-        up=(0, 0, 1),
-    )
-    bit = extrude(
-        [
-            [0.01, -0.003],
-            [0.055, -0.003],
-            [0.055, 0.004],
-            [0.05, 0.007],
-            [0.046, 0.004],
-            [0.042, 0.008],
-            [0.037, 0.004],
-            [0.01, 0.003],
-        ],
-        0.0025,
-        0.0005,
-    )
-    scale = rng.uniform(0.9, 1.5)
-    parts = [
-        Part(
-            join([ring, bit.moved([0, 0, 0.0005])]).moved(scale=scale),
-            "steel",
-            prints.plain(rng.choice([[200, 200, 200], [210, 175, 95]])),
-        )
-    ]
-    return standing("key", parts)
-
-
-def scissors(rng: Rng, family: str) -> Thing:
-    scale, gape = rng.uniform(0.75, 1.15), rng.uniform(4, 22)
-    parts = []
-    for side in (-1, 1):
-        blade = extrude(
-            [[-0.005, -0.006], [0.03, -0.007], [0.1, 0.0], [0.03, 0.005], [-0.005, 0.006]], 0.002, 0.0004
-        )
-        t = np.linspace(0, 2 * np.pi, 21)
-        loop = sweep(
-            np.column_stack(
-                [-0.062 + 0.024 * np.cos(t), side * 0.02 + 0.015 * np.sin(t), np.full(21, 0.004)]
-            ),
-            0.0042,
-            0.9,
-            10,
-            up=(0, 0, 1),
-        )
-        arm = sweep(
-            [[0.0, 0, 0.003], [-0.02, side * 0.004, 0.004], [-0.042, side * 0.014, 0.004]],
-            [0.004, 0.005, 0.0045],
-            0.8,
-            8,
-            up=(0, 0, 1),
-        )
-        spin = turn("z", side * gape)
-        parts.append(
-            (
-                join([blade.moved([0, 0, 0.001 + 0.002 * (side > 0)], np.diag([1.0, 1, 1]))]).moved(
-                    turn=spin, scale=scale
-                ),
-                join([loop, arm]).moved(turn=spin, scale=scale),
-            )
-        )
-    tone = flat(rng, family)
-    both = [
-        Part(join([p[0] for p in parts]), "steel", prints.plain([205, 205, 208])),
-        Part(join([p[1] for p in parts]), "satin", tone),
-    ]
-    return standing("scissors", both)
-
-
-def clock(rng: Rng, family: str) -> Thing:
-    """A table clock: a drum with a dial that looks at the viewer, on two feet."""
-    r, deep = rng.uniform(0.04, 0.075), rng.uniform(0.03, 0.05)
-    lay = turn("x", 90)
-    drum = lathe(
-        rounded(
-            [[0, 0], [r, 0], [r, deep], [r * 0.92, deep + 0.002], [r * 0.9, deep - 0.004], [0, deep - 0.004]],
-            1,
-        ),
-        48,
-    )
-    dial = extrude(disc(r * 0.9, 40), 0.001).moved([0, 0, deep - 0.0045])
-    face = np.broadcast_to(prints.linear([244, 241, 232]), (96, 96, 3)).copy()
-    for k in range(12):
-        a = k / 12 * 2 * np.pi
-        prints.write(face, str(k or 12), (48 + 37 * np.sin(a), 48 - 37 * np.cos(a)), 9, np.full(3, 0.02), 0)
-    for length, wide, a in ((22, 3, rng.uniform(0, 6)), (33, 2, rng.uniform(0, 6))):
-        prints.cv2.line(
-            face,
-            (48, 48),
-            (int(48 + length * np.sin(a)), int(48 - length * np.cos(a))),
-            (0.02, 0.02, 0.02),
-            wide,
-            prints.cv2.LINE_AA,
-        )
-    feet = [ball(0.012, 12, 7).moved([s * r * 0.6, -deep / 2, -r * 0.92]) for s in (-1, 1)]
-    parts = [
-        Part(drum.moved(turn=lay), "satin", flat(rng, family)),
-        Part(dial.moved(turn=lay), "satin", face[::-1].copy()),
-        Part(join(feet), "steel", prints.plain([190, 170, 120])),
-    ]
-    return standing("clock", parts, faces=True)
-
-
-def lamp(rng: Rng, family: str) -> Thing:
-    h, r = rng.uniform(0.22, 0.4), rng.uniform(0.07, 0.13)
-    if rng.random() < 0.5:
-        base = lathe(
-            rounded(
-                [[0, 0], [r * 0.7, 0], [r * 0.7, 0.012], [0.008, 0.02], [0.007, h * 0.7], [0, h * 0.7]], 1
-            )
-        )
-    else:
-        base = lathe(
-            rounded(
-                [
-                    [0, 0],
-                    [r * 0.45, 0],
-                    [r * 0.7, h * 0.25],
-                    [r * 0.3, h * 0.5],
-                    [0.01, h * 0.6],
-                    [0, h * 0.7],
-                ],
-                2,
-            )
-        )
-    shade = lathe(
-        rounded([[r, h * 0.58], [r * rng.uniform(0.5, 0.95), h], [r * 0.4, h]], 0).tolist()
-        + [[r * 0.39, h - 0.002], [r * 0.48, h - 0.003], [r - 0.003, h * 0.58]]
-        + [[r, h * 0.58]]
-    )
-    cloth = prints.plain(np.clip(prints.colour(rng, family) * 0.4 + 150, 0, 250))
-    return standing(
-        "lamp",
-        [
-            Part(base, str(rng.choice(["glossy", "brushed", "satin"])), flat(rng, family)),
-            Part(shade, "matt", cloth),
-        ],
-        True,
-    )
-
-
-def dice(rng: Rng, family: str) -> Thing:
+def dice(rng: Rng) -> Thing:
     a = rng.uniform(0.014, 0.035)
-    tone, ink = prints.linear(prints.colour(rng, family)), prints.linear(prints.colour(rng, family))
+    tone, ink = prints.linear(prints.colour(rng)), prints.linear(prints.colour(rng))
     cells = []
     for k in (1, 3, 5, 6, 4, 2):
         cell = np.broadcast_to(tone, (48, 48, 3)).copy()
@@ -415,14 +209,14 @@ def dice(rng: Rng, family: str) -> Thing:
     return standing("dice", [Part(box([a, a, a], a * 0.12), "glossy", prints.net(cells, 48))], top=(a, a))
 
 
-def gadget(rng: Rng, family: str) -> Thing:
+def gadget(rng: Rng) -> Thing:
     """Something boxy of several bodies by chance: a radio, a punch, a toy robot's trunk."""
     w, d, h = rng.uniform(0.03, 0.14), rng.uniform(0.03, 0.09), rng.uniform(0.03, 0.12)
     parts = [
         Part(
             box([w, d, h], rng.uniform(0.002, 0.012)),
             str(rng.choice(["matt", "satin", "glossy"])),
-            flat(rng, family),
+            flat(rng),
         )
     ]
     for _ in range(rng.integers(1, 5)):
@@ -440,7 +234,5 @@ def gadget(rng: Rng, family: str) -> Thing:
             else box([a, a * 0.7, a * rng.uniform(0.3, 2)], 0.002)
         )
         spin = turn("x", 90) if at[1] == -d / 2 else np.eye(3)
-        parts.append(
-            Part(knob.moved(at, spin), str(rng.choice(["matt", "satin", "steel"])), flat(rng, family))
-        )
+        parts.append(Part(knob.moved(at, spin), str(rng.choice(["matt", "satin", "steel"])), flat(rng)))
     return standing("gadget", parts, faces=True)

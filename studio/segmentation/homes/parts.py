@@ -86,6 +86,6 @@ def standing(kind: str, parts: list[Part], round_foot: bool = False, **more: obj
     return Thing(kind, [part.moved(shift) for part in parts], foot, float(high[2] - low[2]), **more)
 
 
-def flat(rng: np.random.Generator, family: str) -> np.ndarray:
+def flat(rng: np.random.Generator) -> np.ndarray:
     """A print of one colour."""
-    return prints.plain(prints.colour(rng, family))
+    return prints.plain(prints.colour(rng))

@@ -1,4 +1,4 @@
-"""A seed in, a photo with its labels out: Mitsuba traces the paths, one kernel for all pictures of a family.
+"""A seed in, a photo with its labels out: Mitsuba traces the paths, one kernel for all pictures.
 
 All things' parts of one finish are one mesh with one texture (an atlas of all prints), so a scene is some twenty shapes
 of always the same kinds, and Dr.Jit compiles nothing anew. Labels, normals and shadows come from rays of our own.
@@ -20,7 +20,7 @@ from studio.segmentation.homes.furniture import Light
 from studio.segmentation.homes.parts import FINISHES, Part
 from studio.segmentation.homes.solids import Solid, corner_normals, join
 
-DEPTH = {"train": 4, "homes": 9}
+DEPTH = 4  # bounces
 CLEARLY = 0.5  # share of a pixel that a thing must cover
 LIGHTS = 3  # always as many: one kernel for all pictures
 RR = 3  # bounces after which dim paths end by chance
@@ -46,7 +46,7 @@ class Photo:
     """What labels 1..N are."""
 
 
-def surface(name: str, print_: dict, family: str) -> dict:
+def surface(name: str, print_: dict) -> dict:
     """A finish as a Mitsuba BSDF with a texture."""
     if name == "matt":
         inner = {"type": "diffuse", "reflectance": print_}
@@ -54,9 +54,7 @@ def surface(name: str, print_: dict, family: str) -> dict:
         alpha = 0.3 if name == "satin" else 0.06
         inner = {"type": "roughplastic", "alpha": alpha, "diffuse_reflectance": print_, "nonlinear": True}
     elif name == "glass":
-        if family == "train":
-            return {"type": "thindielectric", "specular_transmittance": print_}
-        return {"type": "dielectric", "int_ior": 1.5, "specular_transmittance": print_}
+        return {"type": "thindielectric", "specular_transmittance": print_}
     else:
         alpha = {"steel": 0.1, "brushed": 0.3, "mirror": 0.02}[name]
         inner = {"type": "roughconductor", "material": "none", "alpha": alpha, "specular_reflectance": print_}
@@ -135,7 +133,7 @@ def unbuilt(light: object) -> object:
 class Scene:
     """A shot in Mitsuba: with its things, and (`empty`) without."""
 
-    def __init__(self, taken: Shot, family: str) -> None:
+    def __init__(self, taken: Shot) -> None:
         fixed: dict = {"type": "scene"}
         spare = Part(
             Solid(
@@ -150,16 +148,7 @@ class Scene:
         ]  # few counts of shapes, few kernels
         for k, part in enumerate(scenery):
             number = np.zeros(len(part.solid.faces), int)
-            if part.finish == "outdoors":  # the day behind a window
-                glow = {
-                    "type": "area",
-                    "radiance": {"type": "rgb", "value": (part.print.mean((0, 1)) * 2.2).tolist()},
-                }
-                fixed[f"set-{k}"] = mesh(f"set-{k}", part.solid, {"type": "diffuse"}, number, glow)
-                continue
-            fixed[f"set-{k}"] = mesh(
-                f"set-{k}", part.solid, surface(part.finish, bitmap(part.print), family), number
-            )
+            fixed[f"set-{k}"] = mesh(f"set-{k}", part.solid, surface(part.finish, bitmap(part.print)), number)
         spare_lights = [Light((0, 0, -60 - k), (0, 0, -70), (1, 1), np.full(3, 1e-3)) for k in range(LIGHTS)]
         for k, light in enumerate([*taken.room.lights, *spare_lights][:LIGHTS]):
             fixed[f"light-{k}"] = unbuilt(mi.load_dict(emitter(light)))
@@ -176,7 +165,7 @@ class Scene:
             shape = mesh(
                 name,
                 join(solids),
-                surface(name, bitmap(sheet), family),
+                surface(name, bitmap(sheet)),
                 np.repeat(np.arange(len(pairs)), sizes),
             )
             world[f"things-{name}"] = shape
@@ -300,13 +289,13 @@ def shadows(scene: Scene, camera: Camera, side: int) -> np.ndarray:
     return np.clip(soft[0] / np.maximum(soft[1], 1e-6), 0, 1)
 
 
-def photograph(seed: int, family: str, size: int = 256, samples: int = 16) -> Photo:
+def photograph(seed: int, size: int = 256, samples: int = 16) -> Photo:
     """One picture; the longer side is `size` px, `samples` rays a pixel before the denoiser."""
-    taken = shot(seed, family, size)
-    scene, camera = Scene(taken, family), taken.camera
-    side = 3 if family == "train" else 5
-    light, albedo, guide = trace(scene, camera, samples, DEPTH[family], seed)
-    rgb = finish(denoise(light, albedo, guide), family, np.random.default_rng([seed, 5]))
+    taken = shot(seed, size)
+    scene, camera = Scene(taken), taken.camera
+    side = 3
+    light, albedo, guide = trace(scene, camera, samples, DEPTH, seed)
+    rgb = finish(denoise(light, albedo, guide), np.random.default_rng([seed, 5]))
     labels, normals = truth(scene, camera, side, len(taken.placed))
     labels, kinds = tidy(labels, [p.kind for p in taken.placed])
     edge = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])

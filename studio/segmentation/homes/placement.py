@@ -64,14 +64,14 @@ def apart(a: np.ndarray, b: np.ndarray, gap: float = GAP) -> bool:
 class Arrangement:
     """What stands on one support so far."""
 
-    def __init__(self, support: Support, family: str, rng: Rng) -> None:
-        self.support, self.family, self.rng = support, family, rng
-        self.makers = roster.makers(family)
+    def __init__(self, support: Support, rng: Rng) -> None:
+        self.support, self.rng = support, rng
+        self.makers = roster.makers()
         self.placed: list[Placed] = []
         self.taken: list[np.ndarray] = []
 
     def make(self, kinds: list[str]) -> Thing:
-        return self.makers[str(self.rng.choice(kinds))](self.rng, self.family)
+        return self.makers[str(self.rng.choice(kinds))](self.rng)
 
     def fits(self, foot: np.ndarray, height: float, overhang: float = 0.0) -> bool:
         """Inside the support and apart from all others."""
@@ -154,7 +154,7 @@ class Arrangement:
         radius, depth = vessel.well  # type: ignore[misc]
         kind, start = str(self.rng.choice(kinds)), self.rng.uniform(0, 360)
         for k in range(int(self.rng.integers(1, 5))):
-            rod = self.makers[kind](self.rng, self.family)
+            rod = self.makers[kind](self.rng)
             thick = 0.009
             run = 2 * (radius - thick) * self.rng.uniform(0.5, 0.95)
             if rod.rod is None or rod.rod < 1.25 * np.hypot(run, depth) or run <= 0.005:
@@ -262,9 +262,9 @@ def laid(thing: Thing, axis: str = "x") -> Thing:
     return Thing(thing.kind, [p.moved(shift) for p in parts], rectangle(*size[:2]), float(size[2]), top=top)
 
 
-def arrange(support: Support, count: int, family: str, kinds: list[str], rng: Rng) -> list[Placed]:
+def arrange(support: Support, count: int, kinds: list[str], rng: Rng) -> list[Placed]:
     """About `count` things of `kinds` (names of the roster) on one support."""
-    layout = Arrangement(support, family, rng)
+    layout = Arrangement(support, rng)
     for _ in range(4 * count):
         if len(layout.placed) >= count:
             break

@@ -1,7 +1,4 @@
-"""Patterns of small texture: a random generator in, (H, W, 3) float32 linear reflectance out.
-
-`train_*` and `homes_*` are two worlds of pattern that share only `plain`, `noise` and the drawing of letters.
-"""
+"""Patterns of small texture: a random generator in, (H, W, 3) float32 linear reflectance out."""
 
 from __future__ import annotations
 
@@ -12,40 +9,6 @@ import numpy as np
 
 Rng = np.random.Generator
 
-HOME_COLOURS = [
-    "f4f1ea",
-    "ece4d4",
-    "d8c9ae",
-    "b59a78",
-    "8c6a4a",
-    "5a4334",
-    "2f2a28",
-    "1d1f22",
-    "39424a",
-    "5b6b73",
-    "8fa3a8",
-    "c3cfd0",
-    "24405c",
-    "3c6e91",
-    "7fa8c4",
-    "b8d0dd",
-    "2f5d50",
-    "5f8a6b",
-    "9db08a",
-    "c9cfa6",
-    "7a2e2a",
-    "a8443a",
-    "c96f4a",
-    "e0a070",
-    "e8c15a",
-    "d9a441",
-    "b57c2a",
-    "8a4f6d",
-    "c58b9f",
-    "e3c4c6",
-    "6b5b8c",
-    "a49ac0",
-]
 WORDS = [
     "TEA",
     "OATS",
@@ -101,11 +64,8 @@ def linear(code: object) -> np.ndarray:
     return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4).astype(np.float32)
 
 
-def colour(rng: Rng, family: str) -> np.ndarray:
-    """(3,) sRGB 0..255: of any hue in `train`, of a house's paints, glazes and cloths in `homes`."""
-    if family == "homes":
-        code = HOME_COLOURS[rng.integers(len(HOME_COLOURS))]
-        return np.clip([int(code[k : k + 2], 16) + rng.normal(0, 6) for k in (0, 2, 4)], 8, 250)
+def colour(rng: Rng) -> np.ndarray:
+    """(3,) sRGB 0..255, of any hue."""
     pick = rng.random()
     if pick < 0.25:  # whites, greys, blacks with a tinge
         return np.clip(rng.uniform(15, 250) + rng.normal(0, 6, 3), 8, 250)
@@ -144,12 +104,9 @@ def write(
     image += (np.asarray(code, np.float32) - image) * (stencil[..., None] / np.float32(255))
 
 
-# --- train -----------------------------------------------------------------------------------------------------------
-
-
-def train_pattern(rng: Rng, height: int = 96, width: int = 96) -> np.ndarray:
+def pattern(rng: Rng, height: int = 96, width: int = 96) -> np.ndarray:
     """Stripes, dots, checks, zigzags, blobs, rings, letters: whatever may be printed on a thing."""
-    a, b, c = (colour(rng, "train") for _ in range(3))
+    a, b, c = (colour(rng) for _ in range(3))
     image = _canvas(height, width, a)
     y, x = np.mgrid[:height, :width].astype(np.float32)
     kind, pitch, lean = (
@@ -192,9 +149,9 @@ def _babble(rng: Rng) -> str:
     return "".join(rng.choice(list("ABEGHKLMNOPRSTXZaegknost0123456789"), rng.integers(1, 6)))
 
 
-def train_surface(rng: Rng, size: int = 256) -> np.ndarray:
+def surface_print(rng: Rng, size: int = 256) -> np.ndarray:
     """A table's, floor's or wall's finish: grain, planks, tiles, weave, speckles, or a print."""
-    a = colour(rng, "train")
+    a = colour(rng)
     if rng.random() < 0.5:  # woods
         a = (
             np.array(
@@ -211,7 +168,7 @@ def train_surface(rng: Rng, size: int = 256) -> np.ndarray:
             image *= rng.uniform(0.8, 1.15, boards)[row][:, None, None]
             image[np.diff(row, prepend=-1) > 0] *= 0.45
         return linear(np.clip(image, 0, 255))
-    b = colour(rng, "train")
+    b = colour(rng)
     y, x = np.mgrid[:size, :size].astype(np.float32)
     kind = rng.integers(6)
     if kind == 0:
@@ -234,117 +191,26 @@ def train_surface(rng: Rng, size: int = 256) -> np.ndarray:
         veins = np.abs(noise((size, size), size / 5, rng) + 0.4 * noise((size, size), size / 16, rng))
         image = a + (b - a) * np.clip(1 - veins * rng.uniform(3, 12), 0, 1)[..., None] * rng.uniform(0.2, 0.9)
     else:
-        return cv2.resize(train_pattern(rng, 128, 128), (size, size), interpolation=cv2.INTER_LINEAR)
+        return cv2.resize(pattern(rng, 128, 128), (size, size), interpolation=cv2.INTER_LINEAR)
     return linear(np.clip(image + noise((size, size), 1, rng)[..., None] * 2, 0, 255))
 
 
-# --- homes -----------------------------------------------------------------------------------------------------------
-
-
-def homes_pattern(rng: Rng, height: int = 128, width: int = 128) -> np.ndarray:
-    """A glaze with a rim line, a spray of flowers, a plaid, a brushed landscape, terrazzo: prints of bought things."""
-    a, b, c = (colour(rng, "homes") for _ in range(3))
-    image = _canvas(height, width, a)
-    y, x = np.mgrid[:height, :width].astype(np.float32)
-    kind = rng.integers(6)
-    if kind == 0:  # a dipped glaze: two colours meet in a wavering line
-        edge = height * rng.uniform(0.3, 0.7) + 3 * noise((1, width), width / 5, rng)
-        image[y > edge] = b
-    elif kind == 1:
-        for _ in range(rng.integers(6, 18)):
-            flower(image, rng.uniform(0, [width, height]), rng.uniform(4, 11), rng.choice([b, c]), rng)
-    elif kind == 2:
-        for axis in (x, y):
-            for _ in range(3):
-                start, wide = rng.uniform(0, width), rng.uniform(2, 16)
-                image[(axis - start) % (width / 2) < wide] *= 0.6
-                image[(axis - start) % (width / 2) < wide] += 0.4 * b
-    elif kind == 3:
-        image = a + (b - a) * (y / height)[..., None]
-        for k in range(3):
-            hill = height * (0.45 + 0.15 * k) + 7 * noise((1, width), width / 3, rng)
-            image[y > hill] = (b, c, a * 0.5)[k]
-    elif kind == 4:
-        chips = noise((height, width), 5, rng)
-        image = np.where((chips > 0.9)[..., None], b, np.where((chips < -1.0)[..., None], c, image))
-    else:
-        lines = np.abs(noise((height, width), (14, 40), rng)) < 0.07
-        image[lines] = b
-    image *= (1 + 0.02 * noise((height, width), 9, rng))[..., None]
-    return linear(np.clip(image, 0, 255))
-
-
-def flower(image: np.ndarray, at: np.ndarray, size: float, code: np.ndarray, rng: Rng) -> None:
-    """Five or more petals round a heart, drawn into an sRGB image."""
-    turn, petals = rng.uniform(0, 6), int(rng.integers(5, 8))
-    for k in range(petals):
-        angle = turn + 2 * np.pi * k / petals
-        spot = at + 0.6 * size * np.array([np.cos(angle), np.sin(angle)])
-        axes = (max(1, int(size * 0.5)), max(1, int(size * 0.28)))
-        cv2.ellipse(
-            image,
-            (spot.astype(int).tolist(), (2 * axes[0], 2 * axes[1]), np.degrees(angle)),
-            code.tolist(),
-            -1,
-        )
-    cv2.circle(image, at.astype(int).tolist(), max(1, int(size * 0.25)), (225, 180, 60), -1, cv2.LINE_AA)
-
-
-def label(rng: Rng, height: int = 96, width: int = 192) -> np.ndarray:
-    """A printed label as goods have it: a ground, a band or seal, a name, a line of small print."""
-    paper, ink, band = (colour(rng, "homes") for _ in range(3))
-    if abs(paper.mean() - ink.mean()) < 70:
-        ink = np.array([245.0, 240, 228]) if paper.mean() < 128 else np.array([40.0, 34, 36])
-    image = _canvas(height, width, paper)
-    if rng.random() < 0.6:
-        top = int(height * rng.uniform(0.1, 0.6))
-        image[top : top + int(height * rng.uniform(0.15, 0.35))] = band
-    if rng.random() < 0.5:
-        cv2.circle(image, (width // 4, height // 2), height // 5, band.tolist(), -1, cv2.LINE_AA)
-    font = FONTS[rng.integers(len(FONTS))]
-    for spot in (0.25, 0.75):  # twice around
-        piece = image[:, int((spot - 0.25) * width) : int((spot + 0.25) * width)]
-        word = np.ascontiguousarray(piece)
-        write(word, str(rng.choice(WORDS)), (width / 4, height * 0.45), height * 0.24, ink, font)
-        for k in range(3):
-            cv2.line(
-                word, (width // 8, int(height * (0.68 + 0.07 * k))), (3 * width // 8, int(height * (0.68 + 0.07 * k))),
-                (0.6 * ink + 0.4 * paper).tolist(), 1,
-            )  # fmt: skip
-        piece[:] = word
-    return linear(np.clip(image, 0, 255))
-
-
-def cover(rng: Rng, family: str, height: int = 120, width: int = 84) -> np.ndarray:
+def cover(rng: Rng, height: int = 120, width: int = 84) -> np.ndarray:
     """A book's front cover or a box's face."""
-    if family == "train":
-        image = train_pattern(rng, height, width)
-        if rng.random() < 0.6:
-            code = colour(rng, "train")
-            flat = np.ascontiguousarray(image)
-            write(
-                flat,
-                _babble(rng),
-                (width / 2, height * rng.uniform(0.15, 0.8)),
-                rng.uniform(10, 24),
-                linear(code),
-                FONTS[1],
-            )
-            return flat
-        return image
-    picture = homes_pattern(rng, height, width)
-    paper = linear(colour(rng, "homes"))
-    image = np.broadcast_to(paper, picture.shape).copy()
-    ink = np.ones(3) * 0.85 if paper.mean() < 0.25 else np.ones(3) * 0.03
-    low = int(height * rng.uniform(0.35, 0.5))
-    if rng.random() < 0.7:
-        image[low : int(height * 0.95), int(width * 0.08) : int(width * 0.92)] = picture[
-            low : int(height * 0.95), int(width * 0.08) : int(width * 0.92)
-        ]
-    font = FONTS[rng.integers(3)]
-    write(image, str(rng.choice(WORDS)), (width / 2, height * 0.14), height * 0.11, ink, font)
-    write(image, str(rng.choice(WORDS)), (width / 2, height * 0.28), height * 0.07, ink, font)
-    return image.astype(np.float32)
+    image = pattern(rng, height, width)
+    if rng.random() < 0.6:
+        code = colour(rng)
+        flat = np.ascontiguousarray(image)
+        write(
+            flat,
+            _babble(rng),
+            (width / 2, height * rng.uniform(0.15, 0.8)),
+            rng.uniform(10, 24),
+            linear(code),
+            FONTS[1],
+        )
+        return flat
+    return image
 
 
 def spine(rng: Rng, base: np.ndarray, height: int = 120, width: int = 24) -> np.ndarray:
@@ -364,8 +230,3 @@ def net(cells: list[np.ndarray], size: int = 96) -> np.ndarray:
     """Six faces (front, right, top, back, left, bottom) as `solids.box` unfolds them: (2 size, 3 size, 3)."""
     small = [cv2.resize(cell, (size, size), interpolation=cv2.INTER_AREA) for cell in cells]
     return np.concatenate([np.concatenate(small[:3], 1), np.concatenate(small[3:], 1)], 0)
-
-
-def pattern(rng: Rng, family: str) -> np.ndarray:
-    """A print for a thing."""
-    return train_pattern(rng) if family == "train" else homes_pattern(rng)

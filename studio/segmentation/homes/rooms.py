@@ -1,4 +1,4 @@
-"""Random rooms of the training family: tables, shelves, niches and floors of any finish under any light."""
+"""Random rooms: tables, shelves, niches and floors of any finish under any light."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SETS = ("table", "table", "top", "top", "shelf", "floor", "niche", "counter")
 
 
 def surface(rng: Rng) -> tuple[str, np.ndarray]:
-    return str(rng.choice(["matt", "satin", "satin", "glossy"])), prints.train_surface(rng)
+    return str(rng.choice(["matt", "satin", "satin", "glossy"])), prints.surface_print(rng)
 
 
 def lights(rng: Rng, elevation: tuple[float, float]) -> tuple[list[Light], np.ndarray]:
@@ -66,7 +66,7 @@ def room(rng: Rng) -> Room:
                     wide * rng.uniform(0.4, 1),
                     deep * rng.uniform(0.4, 1),
                     0.0005,
-                    prints.train_pattern(rng, 128, 128),
+                    prints.pattern(rng, 128, 128),
                     rng.uniform(-40, 40),
                 )
             )
@@ -103,7 +103,7 @@ def room(rng: Rng) -> Room:
                         [6, 0.015, rng.uniform(0.04, 0.1)],
                         [0, back - 0.006, 0],
                         "satin",
-                        prints.plain(prints.colour(rng, "train")),
+                        prints.plain(prints.colour(rng)),
                     )
                 )
                 supports[0] = Support((0, -0.01, 0), (wide, deep - 0.02))
@@ -112,10 +112,10 @@ def room(rng: Rng) -> Room:
                 scenery.append(
                     board([4, back - y0, 0.035], [0, (back + y0) / 2, -0.035], finish, skin, metres)
                 )
-                scenery += fronts(rng, 2.4, 0.7, y0 + 0.03, -0.045, prints.train_surface(rng), "train")
+                scenery += fronts(rng, 2.4, 0.7, y0 + 0.03, -0.045, prints.surface_print(rng))
             scenery.append(wall(back, *surface(rng), rng.uniform(0.2, 1.2), -0.8))
             for _ in range(int(rng.integers(0, 3))):
-                scenery += frame(rng, rng.uniform(-0.7, 0.7), back, rng.uniform(0.35, 0.6), "train")
+                scenery += frame(rng, rng.uniform(-0.7, 0.7), back, rng.uniform(0.35, 0.6))
             if rng.random() < 0.3:
                 scenery += socket(rng.uniform(-0.3, 0.3) * wide, back, rng.uniform(0.12, 0.25))
         if rng.random() < 0.3:
@@ -127,7 +127,7 @@ def room(rng: Rng) -> Room:
                     wide * rng.uniform(0.4, 0.9),
                     deep * rng.uniform(0.4, 0.8),
                     0.0006,
-                    prints.train_pattern(rng, 128, 128),
+                    prints.pattern(rng, 128, 128),
                     rng.uniform(-20, 20),
                 )
             )
@@ -139,7 +139,7 @@ def room(rng: Rng) -> Room:
                     back + (0.0 if name == "table" else -0.05),
                     0.5,
                     -0.5 if name == "table" else 0.0,
-                    prints.train_surface(rng),
+                    prints.surface_print(rng),
                 )
             )
     else:  # shelf or niche: boards one above the other between sides

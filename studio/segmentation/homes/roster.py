@@ -1,4 +1,4 @@
-"""Which things there are, in which family, how often. Kinds of one family only never appear in the other."""
+"""Which kinds of things there are."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from studio.segmentation.homes import goods, living, scans, tableware, toys
 from studio.segmentation.homes.parts import Thing
 from studio.segmentation.homes.prints import Rng
 
-Maker = Callable[[Rng, str], Thing]
+Maker = Callable[[Rng], Thing]
 
-BOTH: dict[str, Maker] = {
+KINDS: dict[str, Maker] = {
     "mug": tableware.mug,
     "plate": tableware.plate,
     "bowl": tableware.bowl,
@@ -29,8 +29,6 @@ BOTH: dict[str, Maker] = {
     "plant": living.plant,
     "ball": toys.ball,
     "car": toys.car,
-}
-TRAIN_ONLY: dict[str, Maker] = {
     "block": goods.block,
     "totem": tableware.totem,
     "driver": goods.driver,
@@ -42,27 +40,8 @@ TRAIN_ONLY: dict[str, Maker] = {
     "rings": toys.rings,
     "duck": toys.duck,
 }
-HOMES_ONLY: dict[str, Maker] = {
-    "wineglass": tableware.wineglass,
-    "vase": tableware.vase,
-    "teapot": tableware.teapot,
-    "pan": tableware.pan,
-    "brush": goods.brush,
-    "phone": goods.phone,
-    "remote": goods.remote,
-    "key": goods.key,
-    "scissors": goods.scissors,
-    "clock": goods.clock,
-    "lamp": goods.lamp,
-    "pear": living.pear,
-    "banana": living.banana,
-    "bouquet": living.bouquet,
-    "bear": toys.bear,
-    "shoe": toys.shoe,
-}
 
 
-def makers(family: str) -> dict[str, Maker]:
-    """Name -> maker of every kind of `family` ("train" or "homes"); scans where PHYSGEN_MATERIAL names them."""
-    scanned = {"scan": scans.scan} if family == "train" and "PHYSGEN_MATERIAL" in os.environ else {}
-    return BOTH | {"train": TRAIN_ONLY, "homes": HOMES_ONLY}[family] | scanned
+def makers() -> dict[str, Maker]:
+    """Name -> maker of every kind; scans where PHYSGEN_MATERIAL names them."""
+    return KINDS | ({"scan": scans.scan} if "PHYSGEN_MATERIAL" in os.environ else {})

@@ -31,7 +31,7 @@ def scans() -> list[Path]:
     return found
 
 
-def scan(rng: Rng, family: str) -> Thing:
+def scan(rng: Rng) -> Thing:
     """One scanned object, upright or lying."""
     path = scans()[int(rng.integers(len(scans())))]
     solid = read(path)
@@ -43,9 +43,7 @@ def scan(rng: Rng, family: str) -> Thing:
     if texture.exists():
         image, finish = picture(texture), str(rng.choice(["matt", "satin", "satin", "glossy"]))
     else:
-        image = (
-            prints.pattern(rng, family) if rng.random() < 0.6 else prints.plain(prints.colour(rng, family))
-        )
+        image = prints.pattern(rng) if rng.random() < 0.6 else prints.plain(prints.colour(rng))
         finish = str(rng.choice(FINISHES[:4]))
     return standing("scan", [Part(solid, finish, image)])
 

@@ -1,4 +1,4 @@
-"""Things to eat and drink from, as random makers: (generator, family) in, `Thing` out; lengths in metres."""
+"""Things to eat and drink from, as random makers: a generator in, `Thing` out; lengths in metres."""
 
 from __future__ import annotations
 
@@ -7,42 +7,30 @@ import numpy as np
 from studio.segmentation.homes import prints
 from studio.segmentation.homes.parts import Part, Thing, flat, standing
 from studio.segmentation.homes.prints import Rng
-from studio.segmentation.homes.solids import Solid, extrude, hollow, join, lathe, rounded, sweep, turn
+from studio.segmentation.homes.solids import Solid, extrude, hollow, lathe, rounded, sweep, turn
 
 
-def glaze(rng: Rng, family: str, printed: float = 0.45) -> np.ndarray:
+def glaze(rng: Rng, printed: float = 0.45) -> np.ndarray:
     """A colour or a print for a glazed or painted thing."""
-    return prints.pattern(rng, family) if rng.random() < printed else flat(rng, family)
+    return prints.pattern(rng) if rng.random() < printed else flat(rng)
 
 
 def china(rng: Rng) -> str:
     return "glossy" if rng.random() < 0.7 else "satin"
 
 
-def wall_line(rng: Rng, family: str, low: float, high: float, height: float) -> np.ndarray:
-    """(P, 2) an outer wall from the foot (radius `low`) to the rim (`high`): drawn with a ruler in `train` (steps,
-    cones, barrels), as one curve in `homes`."""
-    if family == "train":
-        middle = rng.uniform(min(low, high), max(low, high) * 1.15)
-        line = [[low, 0], [middle, height * rng.uniform(0.1, 0.6)], [high, height]]
-        return rounded(line, int(rng.choice([0, 1, 3])))
-    belly = max(low, high) * rng.uniform(0.95, 1.12)
-    return rounded(
-        [
-            [low * 0.9, 0],
-            [low, 0],
-            [belly, height * rng.uniform(0.2, 0.4)],
-            [high * 1.02, height * 0.8],
-            [high, height],
-        ],
-        3,
-    )
+def wall_line(rng: Rng, low: float, high: float, height: float) -> np.ndarray:
+    """(P, 2) an outer wall from the foot (radius `low`) to the rim (`high`): steps,
+    cones, barrels."""
+    middle = rng.uniform(min(low, high), max(low, high) * 1.15)
+    line = [[low, 0], [middle, height * rng.uniform(0.1, 0.6)], [high, height]]
+    return rounded(line, int(rng.choice([0, 1, 3])))
 
 
-def handle(rng: Rng, family: str, radius: float, low: float, high: float, thick: float) -> Solid:
+def handle(rng: Rng, radius: float, low: float, high: float, thick: float) -> Solid:
     """An ear on the +x side of a wall of `radius`, between heights `low` and `high`."""
     reach, middle = rng.uniform(0.5, 0.85) * (high - low), (low + high) / 2
-    if family == "train" and rng.random() < 0.5:
+    if rng.random() < 0.5:
         line = [[-0.1 * reach, high], [reach, high], [reach, low], [-0.1 * reach, low]]
         path = rounded(line, int(rng.integers(1, 3)))
     else:
@@ -53,19 +41,19 @@ def handle(rng: Rng, family: str, radius: float, low: float, high: float, thick:
     return sweep(points, thick, rng.uniform(0.5, 1.0), 10, up=(0, 1, 0) if rng.random() < 0.3 else None)
 
 
-def mug(rng: Rng, family: str) -> Thing:
-    """A mug or a cup with its handle; in `homes` sometimes on its saucer."""
+def mug(rng: Rng) -> Thing:
+    """A mug or a cup with its handle."""
     cup = rng.random() < 0.4
     height = rng.uniform(0.05, 0.07) if cup else rng.uniform(0.08, 0.115)
     high = rng.uniform(0.036, 0.048)
     low = high * (rng.uniform(0.5, 0.75) if cup else rng.uniform(0.8, 1.0))
-    line = wall_line(rng, family, low, high, height)
+    line = wall_line(rng, low, high, height)
     wall = rng.uniform(0.002, 0.005)
-    skin, finish = glaze(rng, family), china(rng)
+    skin, finish = glaze(rng), china(rng)
     body = lathe(hollow(line, wall, 0.006))
     at = rng.uniform(0.15, 0.3) * height, rng.uniform(0.7, 0.9) * height
     radius = float(np.interp((at[0] + at[1]) / 2, line[:, 1], line[:, 0]))
-    ear = handle(rng, family, radius, *at, rng.uniform(0.0035, 0.007))
+    ear = handle(rng, radius, *at, rng.uniform(0.0035, 0.007))
     parts = [Part(body, finish, skin), Part(ear, finish, skin[:1, :1])]
     if rng.random() < 0.3:
         drink = lathe(
@@ -88,45 +76,43 @@ def plate_line(radius: float, rise: float, foot: float) -> np.ndarray:
     return np.array([[foot * radius, 0], [radius * 0.7, rise * 0.25], [radius, rise]])
 
 
-def plate(rng: Rng, family: str) -> Thing:
+def plate(rng: Rng) -> Thing:
     radius = rng.uniform(0.06, 0.14)
     line = rounded(plate_line(radius, rng.uniform(0.008, 0.028), rng.uniform(0.45, 0.65)), 2)
     return standing(
         "plate",
-        [Part(lathe(hollow(line, 0.004, 0.004), 56), china(rng), glaze(rng, family))],
+        [Part(lathe(hollow(line, 0.004, 0.004), 56), china(rng), glaze(rng))],
         True,
         top=(radius * 0.8,) * 2,
     )
 
 
-def bowl(rng: Rng, family: str) -> Thing:
+def bowl(rng: Rng) -> Thing:
     radius, height = rng.uniform(0.05, 0.13), rng.uniform(0.04, 0.09)
     line = rounded(
         [[radius * 0.45, 0], [radius * rng.uniform(0.55, 0.95), height * 0.3], [radius, height]], 3
     )
     finish = rng.choice(["glossy", "satin", "steel"], p=[0.6, 0.3, 0.1])
-    return standing(
-        "bowl", [Part(lathe(hollow(line, 0.004, 0.006), 48), str(finish), glaze(rng, family))], True
-    )
+    return standing("bowl", [Part(lathe(hollow(line, 0.004, 0.006), 48), str(finish), glaze(rng))], True)
 
 
-def tumbler(rng: Rng, family: str) -> Thing:
-    """A drinking glass, in `train` also a plastic cup; half full sometimes."""
+def tumbler(rng: Rng) -> Thing:
+    """A drinking glass or a plastic cup; half full sometimes."""
     height, high = rng.uniform(0.08, 0.16), rng.uniform(0.028, 0.042)
     low = high * rng.uniform(0.7, 1.0)
     line = [[low, 0], [(low + high) / 2, height / 2], [high, height]]
     clear = rng.random() < 0.7
-    tint = prints.plain(255 - (255 - prints.colour(rng, family)) * rng.uniform(0.03, 0.35))
+    tint = prints.plain(255 - (255 - prints.colour(rng)) * rng.uniform(0.03, 0.35))
     parts = [
         Part(
             lathe(hollow(line, 0.002, 0.008)),
             "glass" if clear else "satin",
-            tint if clear else glaze(rng, family),
+            tint if clear else glaze(rng),
         )
     ]
     full = clear and rng.random() < 0.5
     if full:
-        level, tone = height * rng.uniform(0.3, 0.8), prints.plain(prints.colour(rng, family))
+        level, tone = height * rng.uniform(0.3, 0.8), prints.plain(prints.colour(rng))
         edge = low + (high - low) * level / height - 0.003
         parts.append(
             Part(lathe([[0, 0.009], [low - 0.003, 0.009], [edge, level], [0, level]]), "glossy", tone)
@@ -134,34 +120,7 @@ def tumbler(rng: Rng, family: str) -> Thing:
     return standing("tumbler", parts, True, well=None if full else (low - 0.004, height - 0.01))
 
 
-def wineglass(rng: Rng, family: str) -> Thing:
-    r, h = rng.uniform(0.03, 0.045), rng.uniform(0.15, 0.22)
-    up = h * rng.uniform(0.4, 0.55)
-    outer = rounded(
-        [
-            [r * 0.95, 0],
-            [r * 0.95, 0.002],
-            [0.004, 0.008],
-            [0.0035, up],
-            [r, up + 0.035],
-            [r * 1.05, up + 0.06],
-            [r * 0.8, h],
-        ],
-        2,
-    )
-    inner = rounded(
-        [[r * 0.8 - 0.0015, h], [r * 1.05 - 0.0015, up + 0.06], [r - 0.0015, up + 0.037], [0, up + 0.006]], 2
-    )
-    parts = [Part(lathe(np.concatenate([[[0, 0]], outer, inner])), "glass", prints.plain([246, 250, 248]))]
-    if rng.random() < 0.6:
-        wine = [[0, up + 0.008], [r * 0.93, up + 0.038], [r * 0.98, up + 0.055], [0, up + 0.055]]
-        parts.append(
-            Part(lathe(rounded(wine, 1)), "glossy", prints.plain(rng.choice([[70, 8, 22], [225, 190, 90]])))
-        )
-    return standing("wineglass", parts, True)
-
-
-def bottle(rng: Rng, family: str) -> Thing:
+def bottle(rng: Rng) -> Thing:
     """Wine, oil, sauce, detergent: of clear or coloured glass or of plastic, with a label and a cap."""
     height, r = rng.uniform(0.14, 0.32), rng.uniform(0.024, 0.045)
     neck, shoulder = r * rng.uniform(0.28, 0.5), rng.uniform(0.5, 0.72)
@@ -172,16 +131,16 @@ def bottle(rng: Rng, family: str) -> Thing:
         [neck, height * rng.uniform(shoulder + 0.08, 0.86)],
         [neck, height],
     ]
-    line = rounded(line, 3 if family == "homes" else int(rng.integers(0, 3)))
+    line = rounded(line, int(rng.integers(0, 3)))
     clear = rng.random() < 0.4
-    tint = prints.colour(rng, family)
+    tint = prints.colour(rng)
     skin = prints.plain(255 - (255 - tint) * rng.uniform(0.1, 0.9)) if clear else prints.plain(tint)
     parts = [
         Part(lathe(np.concatenate([[[0, 0]], line, [[0, height]]])), "glass" if clear else china(rng), skin)
     ]
     low, high = height * rng.uniform(0.1, 0.2), height * min(rng.uniform(0.4, 0.65), shoulder - 0.06)
     if rng.random() < 0.85 and high > low:
-        paper = prints.label(rng) if family == "homes" else prints.train_pattern(rng, 64, 160)
+        paper = prints.pattern(rng, 64, 160)
         band = lathe(
             [[0, low], [r + 0.0006, low], [r + 0.0006, high], [0, high]]
             if not clear
@@ -197,11 +156,11 @@ def bottle(rng: Rng, family: str) -> Thing:
                 [0, height + 0.008],
             ]
         )
-        parts.append(Part(cap, str(rng.choice(["satin", "steel", "matt"])), flat(rng, family)))
+        parts.append(Part(cap, str(rng.choice(["satin", "steel", "matt"])), flat(rng)))
     return standing("bottle", parts, True)
 
 
-def jar(rng: Rng, family: str) -> Thing:
+def jar(rng: Rng) -> Thing:
     """Of glass with something in it, or of tin or stoneware; with a lid."""
     r, height = rng.uniform(0.03, 0.05), rng.uniform(0.06, 0.16)
     line = rounded([[r * 0.92, 0], [r, 0.005], [r, height * 0.86], [r * 0.8, height]], 2)
@@ -210,7 +169,7 @@ def jar(rng: Rng, family: str) -> Thing:
         Part(
             lathe(hollow(line, 0.0025, 0.005)),
             "glass" if clear else china(rng),
-            prints.plain([245, 249, 247]) if clear else glaze(rng, family, 0.6),
+            prints.plain([245, 249, 247]) if clear else glaze(rng, 0.6),
         )
     ]
     if clear:
@@ -219,7 +178,7 @@ def jar(rng: Rng, family: str) -> Thing:
             Part(
                 lathe([[0, 0.006], [r - 0.004, 0.006], [r - 0.004, level], [0, level]]),
                 "satin",
-                glaze(rng, family, 0.5),
+                glaze(rng, 0.5),
             )
         )
     if rng.random() < 0.85:
@@ -234,11 +193,11 @@ def jar(rng: Rng, family: str) -> Thing:
                 1,
             )
         )
-        parts.append(Part(lid, str(rng.choice(["steel", "satin", "matt"])), flat(rng, family)))
+        parts.append(Part(lid, str(rng.choice(["steel", "satin", "matt"])), flat(rng)))
     return standing("jar", parts, True)
 
 
-def can(rng: Rng, family: str) -> Thing:
+def can(rng: Rng) -> Thing:
     r, height = rng.uniform(0.026, 0.05), rng.uniform(0.06, 0.14)
     tin = lathe(
         rounded(
@@ -254,7 +213,7 @@ def can(rng: Rng, family: str) -> Thing:
             1,
         )
     )
-    paper = prints.label(rng) if family == "homes" else prints.train_pattern(rng, 64, 160)
+    paper = prints.pattern(rng, 64, 160)
     band = lathe([[0, 0.007], [r + 0.0005, 0.007], [r + 0.0005, height - 0.007], [0, height - 0.007]])
     return standing(
         "can",
@@ -267,7 +226,7 @@ def can(rng: Rng, family: str) -> Thing:
     )
 
 
-def totem(rng: Rng, family: str) -> Thing:
+def totem(rng: Rng) -> Thing:
     """Something turned on a lathe by chance: a pawn, a pepper mill, a spool, a vase without a name."""
     height, count = rng.uniform(0.05, 0.25), int(rng.integers(4, 9))
     radius = rng.uniform(0.12, 0.4, count) * height * rng.uniform(0.4, 1.0)
@@ -280,76 +239,15 @@ def totem(rng: Rng, family: str) -> Thing:
             Part(
                 lathe(profile),
                 str(rng.choice(["matt", "satin", "glossy", "steel", "brushed"])),
-                glaze(rng, family),
+                glaze(rng),
             )
         ],
         True,
     )
 
 
-def vase(rng: Rng, family: str) -> Thing:
-    height, r = rng.uniform(0.12, 0.28), rng.uniform(0.035, 0.07)
-    line = rounded(
-        [
-            [r * 0.6, 0],
-            [r * rng.uniform(0.7, 1.1), height * 0.2],
-            [r, height * 0.45],
-            [r * rng.uniform(0.3, 0.6), height * 0.8],
-            [r * rng.uniform(0.4, 0.8), height],
-        ],
-        3,
-    )
-    return standing("vase", [Part(lathe(hollow(line, 0.004, 0.006)), china(rng), glaze(rng, family))], True)
-
-
-def teapot(rng: Rng, family: str) -> Thing:
-    r = rng.uniform(0.055, 0.075)
-    h = r * rng.uniform(1.3, 1.7)
-    line = rounded(
-        [
-            [0, 0],
-            [r * 0.6, 0],
-            [r * 1.05, h * 0.35],
-            [r * 0.85, h * 0.85],
-            [r * 0.4, h],
-            [r * 0.36, h * 1.06],
-            [0, h * 1.1],
-        ],
-        3,
-    )
-    skin, finish = glaze(rng, family, 0.5), china(rng)
-    way = rounded(
-        [[-r * 0.8, 0, h * 0.35], [-r * 1.25, 0, h * 0.5], [-r * 1.45, 0, h * 0.9], [-r * 1.7, 0, h]], 2
-    )
-    spout = sweep(way, np.linspace(0.22 * r, 0.1 * r, len(way)))
-    ear = handle(rng, family, r * 0.9, h * 0.2, h * 0.85, 0.006)
-    knob = lathe(rounded([[0, h * 1.08], [0.008, h * 1.09], [0.013, h * 1.2], [0, h * 1.26]], 2), 20)
-    parts = [Part(lathe(line), finish, skin), Part(join([spout, ear, knob]), finish, skin[:1, :1])]
-    return standing("teapot", [p.moved(turn=turn("z", rng.uniform(0, 360))) for p in parts])
-
-
-def pan(rng: Rng, family: str) -> Thing:
-    r, h = rng.uniform(0.08, 0.13), rng.uniform(0.035, 0.09)
-    line = rounded([[r * 0.88, 0], [r, h * 0.3], [r * 1.02, h]], 2)
-    body = lathe(hollow(line, 0.003, 0.004), 56)
-    reach = rng.uniform(0.12, 0.18)
-    grip = sweep(
-        [[r * 0.98, 0, h * 0.8], [r + reach * 0.4, 0, h * 0.95], [r + reach, 0, h * 1.05]],
-        [0.006, 0.008, 0.01],
-        0.55,
-        12,
-        up=(0, 0, 1),
-    )
-    skin = prints.plain(rng.choice([[40, 40, 42], [190, 190, 192], [150, 60, 40]]))
-    parts = [
-        Part(body, str(rng.choice(["brushed", "satin"])), skin),
-        Part(grip, "satin", prints.plain(rng.choice([[25, 25, 26], [120, 80, 50]]))),
-    ]
-    return standing("pan", [p.moved(turn=turn("z", rng.uniform(0, 360))) for p in parts])
-
-
-def cutlery(rng: Rng, family: str) -> Thing:
-    """A spoon, a fork or a knife, lying along x; of steel, in `train` also of wood or plastic."""
+def cutlery(rng: Rng) -> Thing:
+    """A spoon, a fork or a knife, lying along x; of steel, wood or plastic."""
     kind = str(rng.choice(["spoon", "fork", "knife"]))
     length, w = rng.uniform(0.13, 0.21), rng.uniform(0.004, 0.0065)
     n = 14
@@ -400,8 +298,8 @@ def cutlery(rng: Rng, family: str) -> Thing:
             closed=True,
         )
         head = extrude(blade, 0.0018, 0.0006).moved([0, 0, 0.002])
-    if family == "train" and rng.random() < 0.45:
-        finish, skin = "satin", flat(rng, family)
+    if rng.random() < 0.45:
+        finish, skin = "satin", flat(rng)
     else:
         finish, skin = (
             str(rng.choice(["steel", "brushed"])),
