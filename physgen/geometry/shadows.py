@@ -8,6 +8,7 @@ plane of motion; the higher it meets it, the softer the shadow.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import ceil, floor, hypot, radians, tan
@@ -455,11 +456,14 @@ def shadow_darkness(what: Silhouette, setting: ShadowSetting) -> tuple[PixelBox,
         else [shadow_on_floor(what, setting), shadow_on_wall(what, setting)]
     )
     found = [part for part in parts if part is not None]
-    if len(found) < 2:
-        return found[0] if found else None
-    x0, y0 = (min(part[0][k] for part in found) for k in (0, 1))
-    x1, y1 = (max(part[0][k] for part in found) for k in (2, 3))
+    return joined_pictures(found) if found else None
+
+
+def joined_pictures(parts: Sequence[tuple[PixelBox, F32]]) -> tuple[PixelBox, F32]:
+    """The sum of pictures, each with its box."""
+    x0, y0 = (min(box[k] for box, _ in parts) for k in (0, 1))
+    x1, y1 = (max(box[k] for box, _ in parts) for k in (2, 3))
     total = np.zeros((y1 - y0, x1 - x0), np.float32)
-    for (a, b, c, d), dark in found:
+    for (a, b, c, d), dark in parts:
         total[b - y0 : d - y0, a - x0 : c - x0] += dark
     return (x0, y0, x1, y1), total

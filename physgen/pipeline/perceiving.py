@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -115,9 +116,11 @@ def perceive(
 
 
 def _pushed(perceived: PerceivedScene) -> PerceivedScene:
-    """The scene with the push that shows most, which is tried in a copy without maps."""
+    """The scene with the push that shows most, tried in a copy without maps; it ends where that motion does."""
+    from physgen.compile.compile import compile_shapes
     from physgen.compile.shapes import shapes_of
     from physgen.pipeline.pushes import default_push
+    from physgen.pipeline.stages import ended
     from physgen.scene.load import Opened
     from physgen.scene.provenance import meters
     from physgen.scene.write import scene_text
@@ -125,7 +128,7 @@ def _pushed(perceived: PerceivedScene) -> PerceivedScene:
     document = perceived.document
     height, width = perceived.percepts.labels.shape
     kept = ("shape", "solid", "mass", "friction", "elasticity", "rolling", "motion")
-    bare = {key: document[key] for key in ("physgen", "world", "boundaries")} | {
+    bare = {key: document[key] for key in ("physgen", "world", "boundaries", "render")} | {
         "size": [width, height],
         "objects": {
             name: {key: item[key] for key in kept if key in item}
@@ -136,17 +139,26 @@ def _pushed(perceived: PerceivedScene) -> PerceivedScene:
         name: float(item["from"]["mask"].rpartition(" ")[2]) for name, item in document["objects"].items()
     }
     try:
-        scene = Opened("scene.yaml", text=scene_text(bare)).scene()
-        push = default_push(scene, shapes_of(scene, None), sure)
+        opened = Opened("scene.yaml", text=scene_text(bare))
+        scene = opened.scene()
+        shapes = shapes_of(scene, None)
+        push = default_push(scene, shapes, sure)
     except InputError:  # as it is reported when the scene is rendered
         return perceived
     if push is None:
         return perceived
     speeds = [meters(part / scene.world.pixels_per_meter) for part in push.velocity]
     item = document["objects"][push.name] | {"velocity": speeds}
-    document = document | {"objects": document["objects"] | {push.name: item}}
+    pushed = opened.scene([f"objects.{push.name}.velocity={json.dumps(speeds)}"])
+    longest = replace(pushed.world, duration=pushed.render.slow * pushed.world.duration, until_rest=True)
+    ends = ended(replace(pushed, world=longest), compile_shapes(pushed, shapes))
+    duration = float(f"{ends.world.duration:.2g}")
+    document = document | {
+        "objects": document["objects"] | {push.name: item},
+        "world": document["world"] | {"duration": duration},
+    }
     comments = perceived.comments | {f"objects.{push.name}.velocity": push.comment}
-    return replace(perceived, document=document, comments=comments)
+    return replace(perceived, document=document, comments=comments, wrote={"": {"duration": duration}})
 
 
 def _unused_choices(crew: Backends, options: PerceiveOptions) -> list[Problem]:

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.geometry.polygon import Array, Pose
+from physgen.geometry.polygon import Array
 from physgen.geometry.shadows import F32, LEAST_LIGHT_HEIGHT, MOST_BLOCKED, ShadowSetting, Silhouette
 from physgen.render.shadow_decomposition import LitBackground
 from physgen.render.stage import WARP_FLAGS, Placement, ShadowBody, Slices, SpritePose, Stage, three_channels
@@ -229,26 +229,27 @@ def sprite_silhouette(stage: Stage, stand: SpritePose, where: Placement, coverag
     """A sprite as light sees it; `coverage` (h, w) is on its placement's box."""
     corner = (where.box[1].start, where.box[0].start)
     tilt = 0.0 if stage.lit is None else stage.lit.setting.tilt
-    return silhouette(stage.grounds, coverage, corner, stand.pose, stage.actors[stand.k], tilt)
+    return silhouette(stage.grounds, coverage, corner, stand.pose[:2], stage.actors[stand.k], tilt)
 
 
 def silhouette(
     grounds: Sequence[Array],
     coverage: F32,
     corner: tuple[int, int],
-    pose: Pose,
+    center: Sequence[float] | Array,
     actor: ShadowBody,
     tilt: float,
 ) -> Silhouette:
     """A body as light sees it; from above, by `tilt`, its near edge is seen below the floor's line."""
+    x, y = map(float, center)
     floor_row = None
     if grounds:
         rows = np.flatnonzero(coverage.max(axis=1) > 0.5) if coverage.size else np.zeros(0, int)
         bottom = float(corner[1] + (int(rows[-1]) if len(rows) else 0))
         if actor.radius is not None:
-            bottom, tilt = pose.y + actor.radius, 0.0
-        floor_row = ground_below(grounds, pose.x, bottom, SUNK + tilt * actor.thick / 2)
-    return Silhouette(coverage, corner, (pose.x, pose.y), actor.radius, actor.thick, floor_row)
+            bottom, tilt = y + actor.radius, 0.0
+        floor_row = ground_below(grounds, x, bottom, SUNK + tilt * actor.thick / 2)
+    return Silhouette(coverage, corner, (x, y), actor.radius, actor.thick, floor_row)
 
 
 def add_shadow(

@@ -18,7 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.geometry.polygon import Pose
-from physgen.geometry.shadows import F32, PixelBox, ShadowSetting, Silhouette, blurred, shadow_darkness
+from physgen.geometry.shadows import (
+    F32,
+    PixelBox,
+    ShadowSetting,
+    Silhouette,
+    blurred,
+    joined_pictures,
+    moved_silhouette,
+    shadow_darkness,
+)
 from physgen.maps import U8
 from physgen.perceive.inpaint.poisson import harmonic_fill
 from physgen.photometry import decode, luminance
@@ -309,31 +318,26 @@ def _cast(
 ) -> CastShadow:
     """One object's shadow at t = 0: what geometry foretells, and what the photo shows beyond."""
     own = _trimmed(*own)
-    parts = [((x0, y0), dark) for (x0, y0, _, _), dark in ((own,) if first is None else (first, own))]
     sliding = None
     if setting.top and is_round and first is not None:
-        sliding = _trimmed(*_boxed(*_joined([unbounded_shadow(start, setting, step), parts[-1]])))
+        sliding = _trimmed(*joined_pictures([unbounded_shadow(start, setting, step), own]))
         box, picture = shifted_picture(sliding[1], sliding[0][:2], (0.0, 0.0), setting.size)
         whole = None if box is None else (box, picture)
         return CastShadow(start, step, whole, own, (sliding[0][:2], sliding[1]), is_round)
-    whole = _trimmed(*_boxed(*_joined(parts)))
+    whole = _trimmed(*joined_pictures([own] if first is None else [first, own]))
     return CastShadow(start, step, whole if whole[1].size else None, own, None, is_round)
 
 
-def unbounded_shadow(what: Silhouette, setting: ShadowSetting, step: int) -> tuple[tuple[int, int], F32]:
-    """Corner and picture of an object's whole shadow on a table, as if the photo had no border."""
+def unbounded_shadow(what: Silhouette, setting: ShadowSetting, step: int) -> tuple[PixelBox, F32]:
+    """Box and picture of an object's whole shadow on a table, as if the photo had no border."""
     beyond = step * ceil((10 * max(what.coverage.shape) + 64) / step)
     (x, y), (cx, cy), (W, H) = what.corner, what.center, setting.size
     far = replace(what, corner=(x + beyond, y + beyond), center=(cx + beyond, cy + beyond))
     found = predicted_shadow(far, replace(setting, size=(W + 2 * beyond, H + 2 * beyond)), step)
     if found is None:
-        return what.corner, np.zeros((1, 1), np.float32)
-    (x0, y0, _, _), dark = found
-    return (x0 - beyond, y0 - beyond), dark
-
-
-def _boxed(corner: tuple[int, int], picture: F32) -> tuple[PixelBox, F32]:
-    return (*corner, corner[0] + picture.shape[1], corner[1] + picture.shape[0]), picture
+        return (x, y, x + 1, y + 1), np.zeros((1, 1), np.float32)
+    (x0, y0, x1, y1), dark = found
+    return (x0 - beyond, y0 - beyond, x1 - beyond, y1 - beyond), dark
 
 
 def _trimmed(box: PixelBox, picture: F32) -> tuple[PixelBox, F32]:
@@ -345,24 +349,13 @@ def _trimmed(box: PixelBox, picture: F32) -> tuple[PixelBox, F32]:
     y0, y1, x0, x1 = rows[0], rows[-1] + 1, columns[0], columns[-1] + 1
     kept = picture[y0:y1, x0:x1]
     kept = np.asarray(np.sign(kept) * np.maximum(np.abs(kept) - np.float32(SHADOW.faint), 0), np.float32)
-    return _boxed((int(box[0] + x0), int(box[1] + y0)), kept)
+    return (int(box[0] + x0), int(box[1] + y0), int(box[0] + x1), int(box[1] + y1)), kept
 
 
 def shadow_grid_step(what: Silhouette) -> int:
     """px a side of the grid for its shadow: some 24 cells across the object, at most."""
     h, w = what.coverage.shape
     return max(1, min(int(np.sqrt(h * w)) // SHADOW.cells, 8))
-
-
-def _joined(parts: Sequence[tuple[tuple[int, int], F32]]) -> tuple[tuple[int, int], F32]:
-    """The sum of pictures, each with its corner."""
-    x0, y0 = (min(corner[k] for corner, _ in parts) for k in (0, 1))
-    x1 = max(corner[0] + dark.shape[1] for corner, dark in parts)
-    y1 = max(corner[1] + dark.shape[0] for corner, dark in parts)
-    total = np.zeros((y1 - y0, x1 - x0), np.float32)
-    for (x, y), dark in parts:
-        total[y - y0 : y - y0 + dark.shape[0], x - x0 : x - x0 + dark.shape[1]] += dark
-    return (x0, y0), total
 
 
 def _spread_into(values: F32, weight: F32, sigma: float) -> F32:
@@ -405,7 +398,7 @@ def _claims(
         if x1 <= x0 or y1 <= y0:
             claims.append(((0, 0, 0, 0), np.zeros((0, 0), np.float32)))
             continue
-        away = (_pasted(start, box) <= 0.5).astype(np.uint8)
+        away = (moved_silhouette(start, box, 0, 0, 0) <= 0.5).astype(np.uint8)
         distance = cv2.distanceTransform(away, cv2.DIST_L2, 3)
         distance = np.minimum(distance, FAR)  # it is 1e19 where the object is out of the picture
         claim = np.exp(-((distance / reach) ** 2)).astype(np.float32)
@@ -446,15 +439,7 @@ def _owned(rest: F32, claim: tuple[PixelBox, F32], claimed: F32) -> tuple[PixelB
     return (x0, y0, x1, y1), np.asarray(own, np.float32)
 
 
-def _pasted(what: Silhouette, box: PixelBox) -> F32:
-    """The silhouette's coverage on a box of the photo."""
-    x0, y0, x1, y1 = box
-    matrix = np.array([[1.0, 0, what.corner[0] - x0], [0, 1, what.corner[1] - y0]])
-    there = cv2.warpAffine(what.coverage, matrix, (x1 - x0, y1 - y0), flags=cv2.INTER_NEAREST)
-    return np.asarray(there, np.float32)
-
-
-def _add(canvas: F32, box: PixelBox, values: F32, strength: float = 1.0) -> None:
+def _add(canvas: F32, box: PixelBox, values: F32) -> None:
     x0, y0, x1, y1 = box
     if values.size:
-        canvas[y0:y1, x0:x1] += values if strength == 1.0 else np.float32(strength) * values
+        canvas[y0:y1, x0:x1] += values

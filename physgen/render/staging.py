@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import Body, World
-from physgen.geometry.polygon import Array, Disc, Outline, Pose, Region, Ring, bounds
+from physgen.geometry.polygon import Array, Disc, Outline, Region, Ring, bounds
 from physgen.geometry.raster import coverage_box
 from physgen.geometry.shadows import F32, ShadowSetting, Silhouette
 from physgen.maps import U8, Percepts
@@ -218,7 +218,7 @@ def lit_stage(
         grounds = [ground for ground in grounds if not passed(ground, maps.labels, maps.shadows)]
     actors = [_actor(sprite, world.bodies[sprite.body], loose, top) for sprite, loose in parts]
     starts = [
-        silhouette(grounds, s.coverage, s.corner, _start(world.bodies[s.body]), actor, setting.tilt)
+        silhouette(grounds, s.coverage, s.corner, world.bodies[s.body].center, actor, setting.tilt)
         for (s, _), actor in zip(parts, actors, strict=True)
     ]
     veils: list[F32 | None] = [None] * len(parts)
@@ -273,7 +273,7 @@ def _ghosts(
         y0, y1, x0, x1 = rows.min(), rows.max() + 1, columns.min(), columns.max() + 1
         own = np.where(labels[y0:y1, x0:x1] == id_, coverage[y0:y1, x0:x1], 0).astype(np.float32)
         thick = STAGING.deep * float(np.sqrt(len(rows))) * (0.6 if setting.top else 1.0)
-        middle = Pose(float(columns.mean()), float(rows.mean()), 0.0)
+        middle = np.array([columns.mean(), rows.mean()])
         actor = ShadowBody(None, thick)
         found.append(silhouette(grounds, own, (int(x0), int(y0)), middle, actor, setting.tilt))
     return found
@@ -317,11 +317,6 @@ def thickness(body: Body, top: bool) -> float:
     points = np.concatenate(body.pieces)
     width, height = np.ptp(points, axis=0).tolist()
     return float(STAGING.deep * np.sqrt(width * height) * (0.6 if top else 1.0))
-
-
-def _start(body: Body) -> Pose:
-    x, y = body.center.tolist()
-    return Pose(x, y, 0.0)
 
 
 def seen_share(

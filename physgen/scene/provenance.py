@@ -176,18 +176,17 @@ def scaled_values(
     if old is None or equal(old, pixels_per_meter):
         return {}
     found: dict[tuple[str, ...], Any] = {}
+    ratio = sqrt(old / pixels_per_meter)
     for name, own in scene.get("objects", {}).items():
         velocity = record.entry(name, own).get("velocity")
         if isinstance(velocity, list) and equal(own.get("velocity"), velocity):
             speeds = [quantity(part, "m/s", 1.0) if isinstance(part, str) else 0 for part in velocity]
             if any(speeds) and None not in speeds:
-                ratio = sqrt(old / pixels_per_meter)
                 found["objects", name, "velocity"] = [meters(ratio * (part or 0)) for part in speeds]
     world, film = scene.get("world", {}), scene.get("render", {})
-    duration, slow = playback(side, pixels_per_meter)
     if "duration" in record.world and equal(world.get("duration"), record.world["duration"]):
-        found["world", "duration"] = duration
-        before = film.get("slow", 1)
+        found["world", "duration"] = float(f"{ratio * record.world['duration']:.2g}")
+        before, slow = film.get("slow", 1), playback(side, pixels_per_meter)[1]
         if "frames" not in film and equal(before, record.world.get("slow", 1)) and slow != before:
             found["render", "slow"] = slow
     return found

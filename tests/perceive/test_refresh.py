@@ -16,7 +16,7 @@ from written import commented
 
 from physgen import pipeline
 from physgen.cli.main import main
-from physgen.geometry.scale import playback
+from physgen.geometry.scale import assumed_scale, playback
 from physgen.maps import read_labels, write_png
 from physgen.materials import kind
 from physgen.scene.scene import BoxPrompt, Circle, Scene
@@ -109,7 +109,9 @@ def test_what_a_person_wrote_stays(scene: Path) -> None:
     assert len(np.unique(read_labels(scene.with_name("again.assets") / "masks.png"))) == 4, "to be filled"
     assert (after["forces"], after["render"]) == (document["forces"], document["render"])
     assert {**after["world"], "duration": 0} == {**document["world"], "duration": 0}
-    assert after["world"]["duration"] == playback(300, 640)[0], "perception wrote it, so it follows the scale"
+    pace = playback(300, 640)[0] / playback(300, assumed_scale(300))[0]
+    followed = pytest.approx(pace * document["world"]["duration"], rel=0.02)
+    assert after["world"]["duration"] == followed, "perception wrote it, so it follows the scale"
     anew, before = after["objects"]["ball-2"], document["objects"]["ball-2"]
     assert anew["label"] == "ball"
     assert "shape" not in {**anew, **before}, "it lies in the assets"
@@ -195,6 +197,13 @@ def test_a_changed_label_or_scale_counts_at_once_as_after_a_refresh(
         assert one.mass == pytest.approx(other.mass, rel=0.01), "outlines have 0.01 px in the file"
         for key in ("label", "friction", "elasticity", "rolling", "solid", "velocity", "provenance"):
             assert getattr(one, key) == getattr(other, key), (one.name, key)
+
+
+def test_a_perceived_clip_ends_where_auto_would_end_it(perceived: Path) -> None:
+    film, auto = (pipeline.load(perceived / "scene.yaml", edits) for edits in ([], ["world.duration=auto"]))
+    world = pipeline.compile(auto, pipeline.percepts(auto)).world
+    assert film.world.duration == pytest.approx(world.duration, rel=0.03)
+    assert film.world.duration < playback(300, film.world.pixels_per_meter)[0]
 
 
 def test_what_a_model_judged_follows_a_label_and_no_scale(scene: Path) -> None:
