@@ -1,7 +1,7 @@
 """A models run measured where weights are: seconds of each step, first photo and later ones, objects against truth.
 
     python benchmarks/models.py --profile models          # the studio's photos, and peers' with PHYSGEN_PEER_SCENES
-    python benchmarks/models.py --backend segment=sam3 kitchen cups --out results.json
+    python benchmarks/models.py --backend segment=grounding-dino+sam kitchen cups --out results.json
 
 Takes the flags of `perceive` that say who does what. Photos come in turn to one crew that keeps its models, as in
 `physgen perceive A B C -o DIR`. Truth is used to judge the objects found, never told. Prints a table, and the raw

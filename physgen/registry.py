@@ -177,9 +177,15 @@ def _not_installed(row: Backend) -> Problem | None:
     return Problem(FLAG, "", found, f"needs {', '.join(missing)}, which {verb} not installed", fix)
 
 
+REMOVED = {"sam3": "grounding-dino+sam", "depth-anything": "marigold", "best": "models"}
+"""Names of former versions, and what does the same."""
+
+
 def suggestion(found: str, known: Iterable[str]) -> str:
-    """The fix for an unknown name: the nearest of the `known` names, then all of them."""
+    """The fix for an unknown name: what replaces a removed one, or the nearest of the `known` names; then all."""
     known = list(known)
+    if REMOVED.get(found) in known:
+        return f"it was removed; choose {REMOVED[found]}"
     near = difflib.get_close_matches(found, known, 1)
     return (f"did you mean {near[0]}? " if near else "") + f"choose from {', '.join(known)}"
 
@@ -232,7 +238,7 @@ class Plan:
 
 
 def choices(settings: Iterable[str], place: Place = FLAG) -> dict[str, Choice]:
-    """`["segment=sam3:models/sam3", ...]` as choices by role. Raises InputError with every wrong one.
+    """`["segment=grounding-dino+sam:models/dino", ...]` as choices by role. Raises InputError with every wrong one.
 
     >>> str(choices(["inpaint=fill"])["inpaint"])
     'fill'
@@ -279,7 +285,7 @@ _MODELS = {
     "segment": "grounding-dino+sam",
     "label": "vlm",
     "physics": "vlm",
-    "depth": "depth-anything",
+    "depth": "marigold",
     "normals": "marigold",
     "intrinsic": "marigold",
     "inpaint": "diffusion",
@@ -288,7 +294,6 @@ _MODELS = {
 PROFILES: Mapping[str, Mapping[str, str]] = {
     "offline": {},
     "models": _MODELS,
-    "best": {**_MODELS, "segment": "sam3", "depth": "marigold"},
 }
 """Role to backend; other roles have their defaults."""
 SWITCHES = ("device", "dtype", "profile")
@@ -371,7 +376,7 @@ def read_configuration(path: Path) -> Configuration:
     table = data.pop("backend", {})
     for role, value in table.items() if isinstance(table, dict) else [("", table)]:
         if not role or not isinstance(value, str):
-            fix = 'write e.g. segment = "sam3" below [backend]'
+            fix = 'write e.g. depth = "marigold" below [backend]'
             problems.append(Problem(place, f"backend.{role}", repr(value), "is not text", fix))
             continue
         name, colon, weights = value.partition(":")
@@ -433,7 +438,7 @@ class Backends:
                 problems += [p if p.place != FLAG else replace(p, place=chosen.place) for p in error.problems]
         if "depth" in self.plan.row("boundary").uses and self.plan.row("depth").name == "none":
             boundary = self.plan.choices["boundary"]
-            fix = "choose one for depth, too: depth=depth-anything, or depth=file:PATH"
+            fix = "choose one for depth, too: depth=marigold, or depth=file:PATH"
             problems.append(Problem(boundary.place, "", f'"boundary={boundary}"', "needs depth", fix))
         if problems:
             raise InputError(problems)

@@ -79,10 +79,13 @@ def test_choices_report_every_mistake():
 
 def test_flags_override_the_file_and_another_file_may_be_named(tmp_path: Path):
     write(tmp_path / "home/physgen/physgen.toml", 'device = "cuda:1"\n[backend]\nsegment = "learned"\n')
-    file = write(tmp_path / "mine.toml", '[backend]\nsegment = "sam3"\nphysics = "vlm"\n[vlm]\ntimeout = 3\n')
+    file = write(
+        tmp_path / "mine.toml",
+        '[backend]\nsegment = "grounding-dino+sam"\nphysics = "vlm"\n[vlm]\ntimeout = 3\n',
+    )
     assert (load_plan().device, chosen(load_plan())) == ("cuda:1", {"segment": "learned"})
     plan = load_plan(["physics=table"], config=file)
-    assert (plan.device, chosen(plan)) == ("auto", {"segment": "sam3", "physics": "table"})
+    assert (plan.device, chosen(plan)) == ("auto", {"segment": "grounding-dino+sam", "physics": "table"})
     assert load_plan(device="cpu").device == "cpu"
     assert load_plan(config=file).setup("physics").options == {"timeout": 3}
 
@@ -98,7 +101,7 @@ def test_a_profile_of_a_flag_replaces_the_choices_of_the_file(tmp_path: Path):
 def test_every_mistake_in_a_file_is_reported(tmp_path: Path):
     file = write(
         tmp_path / "physgen.toml",
-        'device = "gpu"\nprofile = "offlne"\n[backend]\nsegmnt = "sam3"\nsegment = "sam4"\ninpaint = "fill:x"\n'
+        'device = "gpu"\nprofile = "offlne"\n[backend]\nsegmnt = "learned"\nsegment = "sam3"\ninpaint = "fill:x"\n'
         'depth = 3\n[vln]\nurl = "x"\n',
     )
     with pytest.raises(InputError) as error:
@@ -108,9 +111,9 @@ def test_every_mistake_in_a_file_is_reported(tmp_path: Path):
         '"gpu" is no device; write auto, cpu, cuda, cuda:1 or mps',
         '"offlne" is no profile; did you mean offline?',
         '"segmnt" is not a role; did you mean segment?',
-        'segment="sam4" is not a backend; did you mean sam3?',
+        'segment="sam3" is not a backend; it was removed; choose grounding-dino+sam',
         '"inpaint=fill:x" names weights for what has none; write inpaint=fill',
-        'backend.depth: 3 is not text; write e.g. segment = "sam3"',
+        'backend.depth: 3 is not text; write e.g. depth = "marigold"',
         'vln: "vln" means nothing here; did you mean vlm?',
     ]
     assert len(lines) == len(expected)
@@ -120,7 +123,11 @@ def test_every_mistake_in_a_file_is_reported(tmp_path: Path):
 @pytest.mark.parametrize(
     ("settings", "switches", "message"),
     [
-        (["segment=sam3:"], {}, 'segment=sam3:" names nothing after the colon; write segment=sam3:PATH'),
+        (
+            ["depth=marigold:"],
+            {},
+            'depth=marigold:" names nothing after the colon; write depth=marigold:PATH',
+        ),
         (
             ["segment=learned:x"],
             {},
@@ -239,4 +246,4 @@ def test_weights_that_a_choice_leaves_out_are_the_rows_own(tmp_path, monkeypatch
     write(tmp_path / "hub/models--IDEA-Research--grounding-dino-tiny/snapshots/1/config.json", "")
     assert not missing(f"segment=grounding-dino+sam:, {tmp_path}/SAM")
     (tmp_path / "a,b").mkdir()
-    assert not missing(f"depth=depth-anything:{tmp_path}/a,b")
+    assert not missing(f"depth=marigold:{tmp_path}/a,b")

@@ -90,7 +90,7 @@ def test_what_models_took_comes_from_the_scenes_assets(clips: Path) -> None:
     assets = clips.parent / "scene.assets"
     assets.mkdir()
     steps = [
-        {"role": "segment", "backend": "sam3", "weights": "w", "seconds": 40.0},
+        {"role": "segment", "backend": "learned", "weights": "w", "seconds": 40.0},
         {"role": "inpaint", "backend": "fill", "weights": "", "seconds": 2.0},
         {"role": "inpaint", "backend": "fill", "weights": "", "seconds": 1.0},
     ]
@@ -100,7 +100,7 @@ def test_what_models_took_comes_from_the_scenes_assets(clips: Path) -> None:
     assert run.stages["perceive segment"][0] == 40
     assert run.stages["perceive inpaint"][0] == 3
     assert np.isnan(run.stages["perceive inpaint"][1])
-    assert run.models == ("segment=sam3",)
+    assert run.models == ("segment=learned",)
 
 
 def test_manifests_without_times(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

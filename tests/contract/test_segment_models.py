@@ -184,35 +184,6 @@ def test_sam_sees_what_its_own_processor_makes_of_a_photo(tiny):
     assert np.array_equal(cutter._restored(logits[0, 0, 1]), masks[1].numpy())
 
 
-@pytest.mark.parametrize("size", SIZES[:2], ids=str)
-def test_sam3_answers_noun_by_noun(size, tiny):
-    run = registry.make("segment", "sam3", tiny.setup("segment", "sam3"))
-    tokens, model = run._model
-    ball, cup = rectangle((72, 72), 0.1, 0.5, 0.4, 0.8), rectangle((72, 72), 0.6, 0.2, 0.8, 0.9)
-    asked = []
-
-    def told(vision_embeds, input_ids, attention_mask):
-        noun = tokens.decode(input_ids[0], skip_special_tokens=True).replace(" ", "")
-        asked.append(noun)
-        logits, masks = torch.full((1, 10), -9.0), torch.full((1, 10, 72, 72), -9.0)
-        for k, mask in enumerate({"redball": [ball, ball], "cup": [cup], "wall": [~cup]}.get(noun, [])):
-            logits[0, k], masks[0, k] = 2.0 - k, torch.from_numpy(np.where(mask, 9.0, -9.0))
-        return SimpleNamespace(pred_logits=logits, presence_logits=torch.tensor([[3.0]]), pred_masks=masks)
-
-    told.config, told.get_vision_features = model.config, model.get_vision_features
-    run._model = tokens, told
-    found = run(photo(*size), [*KINDS, Category("CUP", True)])
-    assert sorted(asked) == ["cup", "domino", "redball", "wall"]
-    assert {i: one.label for i, one in found.names.items()} == {1: "Red Ball", 2: "cup"}
-    sure = 1 / (1 + np.exp(-2.0)) / (1 + np.exp(-3.0))
-    assert found.confidence == pytest.approx([sure, sure])
-    assert agree(found.labels == 1, rectangle(size, 0.1, 0.5, 0.4, 0.8)) > 0.93
-    assert agree(found.labels == 2, rectangle(size, 0.6, 0.2, 0.8, 0.9)) > 0.93
-    assert found.scenery.nouns == {1: "wall"}
-    assert not hasattr(run, "meant")  # its boxes need torchvision
-    run.close()
-
-
 def only(backend) -> Segmenter:
     """The segmenter of this backend."""
     crew = Backends()

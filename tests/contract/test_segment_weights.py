@@ -56,8 +56,8 @@ def test_the_second_weights_alone_can_be_named(tiny, tmp_path):
     run = registry.make("segment", "grounding-dino+sam", Setup(f"{dino},{tmp_path}", "cpu"))
     with pytest.raises(InputError, match="does not load as SAM"):
         run.meant(photo(30, 40), [(1, 1, 9, 9)], [])
-    with pytest.raises(InputError, match=r"sam3\.threshold: 'high' is not of type 'number'"):
-        registry.make("segment", "sam3", Setup("", "cpu", options={"threshold": "high"}))
+    with pytest.raises(InputError, match=r"grounding-dino\+sam\.threshold: 'high' is not of type 'number'"):
+        registry.make("segment", "grounding-dino+sam", Setup("", "cpu", options={"threshold": "high"}))
 
 
 def test_a_device_that_is_not_here_is_refused():

@@ -24,35 +24,8 @@ APPEARANCE = {
     "roughness": {"prediction_space": "linear", "up_to_scale": False},
     "metallicity": {"prediction_space": "linear", "up_to_scale": False},
 }
-OPTIONS: Mapping[str, Mapping[str, Any]] = {"diffusion": {"steps": 2}, "depth-anything": {"resolution": 70}}
-"""What their factories are told beside their path, by name: full schedules and sizes would take long."""
-
-
-def depth_anything(folder: Path, kind: str = "relative") -> Path:
-    import torch
-    from transformers import (
-        DepthAnythingConfig,
-        DepthAnythingForDepthEstimation,
-        Dinov2Config,
-        DPTImageProcessorPil,
-    )
-
-    torch.manual_seed(0)
-    backbone = Dinov2Config(
-        hidden_size=32, num_hidden_layers=4, num_attention_heads=2, mlp_ratio=1, image_size=56, patch_size=14,
-        out_features=["stage1", "stage2", "stage3", "stage4"], reshape_hidden_states=False, apply_layernorm=True,
-    )  # fmt: skip
-    config = DepthAnythingConfig(
-        backbone_config=backbone, patch_size=14, reassemble_hidden_size=32, neck_hidden_sizes=[8, 8, 8, 8],
-        fusion_hidden_size=8, head_hidden_size=8, depth_estimation_type=kind,
-        max_depth=20 if kind == "metric" else 1,
-    )  # fmt: skip
-    DepthAnythingForDepthEstimation(config).save_pretrained(folder)
-    DPTImageProcessorPil(
-        size={"height": 518, "width": 518}, keep_aspect_ratio=True, ensure_multiple_of=14, do_pad=False,
-        image_mean=[0.485, 0.456, 0.406], image_std=[0.229, 0.224, 0.225],
-    ).save_pretrained(folder)  # fmt: skip
-    return folder
+OPTIONS: Mapping[str, Mapping[str, Any]] = {"diffusion": {"steps": 2}}
+"""What its factory is told beside its path: a full schedule would take long."""
 
 
 def _parts(channels: int, out: int) -> dict[str, Any]:
@@ -143,7 +116,6 @@ class Trap:
 
 
 MODELS: Mapping[tuple[str, str], Callable[[Path], Path]] = {
-    ("depth", "depth-anything"): depth_anything,
     ("depth", "marigold"): marigold("depth"),
     ("normals", "marigold"): marigold("normals", use_full_z_range=True),
     ("intrinsic", "marigold"): marigold("intrinsic", target_properties=LIGHTING),

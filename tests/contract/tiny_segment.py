@@ -83,42 +83,8 @@ def sam(folder: Path) -> Path:
     return folder
 
 
-def sam3(folder: Path) -> Path:
-    import torch
-    from transformers import CLIPTokenizerFast, Sam3Config, Sam3Model
-
-    letters = "abcdefghijklmnopqrstuvwxyz"
-    words = [*letters, *(f"{letter}</w>" for letter in letters), "<|startoftext|>", "<|endoftext|>"]
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "vocab.json").write_text(json.dumps({word: k for k, word in enumerate(words)}))
-    (folder / "merges.txt").write_text("#version: 0.2\n")
-    CLIPTokenizerFast(str(folder / "vocab.json"), str(folder / "merges.txt")).save_pretrained(folder)
-    torch.manual_seed(0)
-    small = {"hidden_size": 32, "num_attention_heads": 2, "intermediate_size": 32}
-    config = Sam3Config(
-        vision_config={
-            "backbone_config": {
-                "model_type": "sam3_vit_model", **small, "num_hidden_layers": 1, "image_size": 56, "patch_size": 14,
-                "window_size": 2, "global_attn_indexes": [0], "pretrain_image_size": 28,
-            },
-            "fpn_hidden_size": 32, "backbone_feature_sizes": [[16, 16], [8, 8], [4, 4]],
-        },
-        text_config={
-            "vocab_size": 54, **small, "projection_dim": 32, "num_hidden_layers": 1, "max_position_embeddings": 16,
-            "eos_token_id": 53, "bos_token_id": 52, "pad_token_id": 53,
-        },
-        geometry_encoder_config={**small, "num_layers": 1},
-        detr_encoder_config={**small, "num_layers": 1},
-        detr_decoder_config={**small, "num_layers": 1, "num_queries": 10},
-        mask_decoder_config={"hidden_size": 32, "num_attention_heads": 2},
-    )  # fmt: skip
-    Sam3Model(config).save_pretrained(folder)
-    return folder
-
-
 MODELS = {
     ("segment", "grounding-dino+sam"): lambda folder: (
         f"{grounding_dino(folder / 'dino')},{sam(folder / 'sam')}"
     ),
-    ("segment", "sam3"): sam3,
 }

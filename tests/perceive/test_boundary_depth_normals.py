@@ -239,7 +239,7 @@ def test_no_depth_is_said_and_how_to_get_it(depth):
         registry.make("boundary", "depth-normals")(
             drawn.rgb, drawn.labels, things, None, depth=depth, normals=drawn.normals
         )
-    assert "depth=depth-anything" in str(error.value)
+    assert "depth=marigold" in str(error.value)
 
 
 def peer(name: str):

@@ -229,7 +229,7 @@ def normalised_depth(depth: F32 | None) -> F32:
     if depth is None or not np.isfinite(depth).all() or np.ptp(depth) <= 1e-6 * np.abs(depth).max():
         found = "no depth" if depth is None else "depth that is the same everywhere, or not finite"
         expected = "is nothing that boundary=depth-normals can work on"
-        raise InputError.of("--backend", found, expected, "add --backend depth=depth-anything")
+        raise InputError.of("--backend", found, expected, "add --backend depth=marigold")
     low, high = np.percentile(depth[::3, ::3], (0.5, 99.5))
     if high - low <= 1e-6 * max(abs(low), abs(high)):
         low, high = depth.min(), depth.max()

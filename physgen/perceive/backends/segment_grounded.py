@@ -64,7 +64,8 @@ class Grounded:
         self._weights = weight_ids("segment", NAME, setup)
         self._device = device_of(setup)
         self._dtype = dtype_of(setup, self._device)
-        self._threshold = threshold_of(NAME, setup, CONFIDENT)
+        option = CONFIDENT, {"type": "number", "minimum": 0, "maximum": 1}
+        self._threshold = float(read_options(setup, NAME, {"threshold": option})["threshold"])
         self._counts: dict[str, Any] = {}
 
     def __call__(self, rgb: Rgb, categories: Sequence[Category] = ()) -> Segments:
@@ -121,18 +122,10 @@ grounded = Grounded
 """The factory named in the registry."""
 
 
-def threshold_of(name: str, setup: Setup, default: float) -> float:
-    """The option `threshold`: confidence, 0..1, from which a mask is an object. Raises InputError."""
-    option = default, {"type": "number", "minimum": 0, "maximum": 1}
-    return float(read_options(setup, name, {"threshold": option})["threshold"])
-
-
-def pixels(
-    rgb: Rgb, size: tuple[int, int], mean: Sequence[float] = MEAN, spread: Sequence[float] = SPREAD
-) -> torch.Tensor:
+def pixels(rgb: Rgb, size: tuple[int, int]) -> torch.Tensor:
     """(1, 3, h, w) float32: the photo stretched to `size` (h, w), its colours normalised."""
     small = np.asarray(Image.fromarray(rgb).resize(size[::-1], Image.Resampling.BILINEAR), np.float32) / 255
-    ready = (small - np.asarray(mean, np.float32)) / np.asarray(spread, np.float32)
+    ready = (small - np.asarray(MEAN, np.float32)) / np.asarray(SPREAD, np.float32)
     return torch.from_numpy(ready.transpose(2, 0, 1)[None].copy())
 
 
