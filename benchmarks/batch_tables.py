@@ -53,29 +53,6 @@ def batch_table(rows: Sequence[Row]) -> list[str]:
     ]
 
 
-def cluster_table(rows: Sequence[Row]) -> list[str]:
-    """Dask against processes, and a worker that was killed."""
-    local, handing, killed = (next(iter(row.values())) for row in rows)
-    ways = [
-        [r["way"], r["wall"], r["cpu"], *(" ".join(map(str, r[k])) for k in ("rate", "load"))] for r in local
-    ]
-    return [
-        *prose(
-            f"{local[0]['clips']} variants of a bundled scene, 16 frames of 256 px: with two processes, and with two",
-            "workers of a local Dask cluster, in turns. Throughput and CPU against processes: least, median, most.",
-        ),
-        "",
-        *table(["", "wall, s", "CPU, s", "throughput", "CPU"], ways),
-        "",
-        *prose(
-            f"Handing out a clip costs {handing} ms of CPU. One of two workers killed (SIGKILL) after",
-            f"{killed['after']} of {killed['clips']} clips: {killed['there']} clips are complete, {killed['equal']} of",
-            f"their {killed['files']} videos and trajectories equal to this machine's, byte for byte;",
-            f"{killed['left'] or 'no'} partial files are left.",
-        ),
-    ]
-
-
 def kills_table(rows: Sequence[Row]) -> list[str]:
     """How a batch ended that was killed repeatedly."""
     end = rows[0]

@@ -8,7 +8,6 @@
     python benchmarks/run.py fidelity        # frames against the studio's truth videos
     python benchmarks/run.py gallery         # pages of 1,000 and 5,000 clips in headless Chromium
     python benchmarks/run.py batch           # many clips: throughput, what each costs beside its stages, memory
-    python benchmarks/run.py cluster         # a Dask cluster against processes, and a worker killed midway
     python benchmarks/run.py kills           # a batch killed 50 times against one that never was
     python benchmarks/run.py attack          # hostile inputs of three seeds; an hour
     python benchmarks/run.py growth          # cost of 10 to 1,000 bodies, and its plot
@@ -39,7 +38,6 @@ import numpy as np
 from ablations import ablations
 from attack import attacks
 from batch import batch
-from cluster import cluster
 from editor import editor
 from fid import fid
 from frames import frames as frame_rows
@@ -197,7 +195,6 @@ PARTS |= {
     "kills": kills,
     "attack": attacks,
     "labels": labels,
-    "cluster": cluster,
     "plausibility": plausibility,
     "fid": fid,
     "editor": editor,

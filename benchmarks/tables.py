@@ -16,7 +16,6 @@ import fid_table
 import fidelity
 import paper
 import plausibility.table
-import scale
 import sureness
 from ghosts import RING
 from growth import KINDS, exponent
@@ -383,10 +382,8 @@ SECTIONS = {
     "Editor": ("editor", editor.table),
     "Gallery": ("gallery", _gallery),
     "Batches": ("batch", batch_tables.batch_table),
-    "Clusters": ("cluster", batch_tables.cluster_table),
     "Interrupted batches": ("kills", batch_tables.kills_table),
     "Hostile input": ("attack", batch_tables.attack_table),
-    "A million clips on a thousand cores": ("batch", scale.table_of),
     "Finding objects": ("segmentation", _segmentation),
     "Naming objects": ("names", _names),
     "Pointing at objects": ("prompts", _prompts),

@@ -273,15 +273,9 @@ def _announce(bar: Bar, number: int, count: int) -> None:
 def _made(
     jobs: Iterable[Job], count: int, options: argparse.Namespace, bar: Bar
 ) -> Generator[Done, None, None]:
-    """Runs the jobs, on this machine or on a cluster."""
-    workers = min(options.jobs, count)
-    if getattr(options, "cluster", None):
-        from physgen.batch.cluster import run_on_cluster
-
-        return run_on_cluster(options.cluster, jobs, print_error)
     from physgen.batch.run import run_all
 
-    return run_all(jobs, workers, lambda job: bar.show)
+    return run_all(jobs, min(options.jobs, count), lambda job: bar.show)
 
 
 def _print_done(done: Done, as_json: bool) -> None:
@@ -346,19 +340,19 @@ def _sum_up(
 REPORTS = ("full", "none")
 
 
-def cluster(text: str) -> str:
-    """`dask=` and the address of a scheduler, or its file."""
-    kind, _, where = text.partition("=")
-    if kind == "dask" and (where.endswith(".json") or "://" in where.strip("/:")):
-        return text
-    raise argparse.ArgumentTypeError(f"{text} is not dask=tcp://HOST:PORT or dask=FILE.json")
+def part(text: str) -> slice:
+    """`K/N`: every N-th clip, from the K-th on."""
+    first, _, step = text.partition("/")
+    if first.isdecimal() and step.isdecimal() and 1 <= int(first) <= int(step):
+        return slice(int(first) - 1, None, int(step))
+    raise argparse.ArgumentTypeError(f"{text} is no part; write e.g. 2/8, the second of 8 machines")
 
 
 def add_clips(parser: Parser) -> None:
     """Adds the flags of commands that render clips."""
     parser.option("--jobs", "N", count, "scenes rendered at a time; default: 1", 1)
-    about = "render on a Dask cluster: dask=tcp://HOST:8786 or dask=FILE.json; see docs/batches.md"
-    parser.option("--cluster", "WHERE", cluster, about)
+    about = "make the K-th of N parts of the clips, one on each machine; see docs/batches.md"
+    parser.option("--part", "K/N", part, about)
     parser.option("--format", "LIST", among(FORMATS), "any of mp4,gif,webp,png; default: mp4", ["mp4"])
     about = (
         "simulate N draws of the values that `from` marks as uncertain, and report which outcomes the photo decides; "

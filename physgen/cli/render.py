@@ -11,7 +11,8 @@ from physgen.cli.clips import add_clips, add_overlays, check_names, jobs_of, mak
 def render(options: argparse.Namespace) -> int:
     jobs = list(jobs_of(options))
     check_names(jobs)
-    return make_all(jobs, len(jobs), options)
+    jobs = jobs[options.part or slice(None)]
+    return make_all(jobs, len(jobs), options, gallery=options.part is None)
 
 
 def add(parser: Parser) -> None:

@@ -99,16 +99,20 @@ def _made(plan: Sweep, objects: tuple[str, ...], options: argparse.Namespace) ->
         units={column.name: column.unit for column in table if column.unit},
     )
     print_problems(files.begin(Path(options.output), record, plan))
-    with Table(Path(options.output, "sweep.csv"), table) as rows:
-        running: deque[Point] = deque()  # jobs end in the order in which they begin
+    running: deque[Point] = deque()  # jobs end in the order in which they begin
+    numbers = range(len(plan))[options.part or slice(None)]
 
-        def jobs() -> Iterator[Job]:
-            for point in plan:
-                running.append(point)
-                preview: tuple[str, ...] = ()
-                if options.preview:
-                    preview = preview_edits(options.scene, point.variant, options, point.overrides)
-                yield make(options.scene, point.variant, point.overrides, point.name, tracked, preview)
+    def jobs() -> Iterator[Job]:
+        for point in map(plan.__getitem__, numbers):
+            running.append(point)
+            preview: tuple[str, ...] = ()
+            if options.preview:
+                preview = preview_edits(options.scene, point.variant, options, point.overrides)
+            yield make(options.scene, point.variant, point.overrides, point.name, tracked, preview)
+
+    if options.part:  # the table is written by the run that finds all clips
+        return make_all(jobs(), len(numbers), options, gallery=False)
+    with Table(Path(options.output, "sweep.csv"), table) as rows:
 
         def finish() -> Sequence[str]:
             if rows.count < len(plan):
