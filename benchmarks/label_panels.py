@@ -24,8 +24,6 @@ from physgen.photometry import encode_u8
 U8 = NDArray[np.uint8]
 LETTER, WIDE = 17, 640
 """px of letters, and of the pictures that they are drawn on; larger on larger ones."""
-TAIL = 12
-"""Frames of a track that are drawn behind a point."""
 INKS = [
     tuple(int(c) for c in row)
     for row in cv2.cvtColor(
@@ -159,21 +157,6 @@ def flo(clip: Shown) -> Iterator[tuple[str, U8]]:
     yield "flo: the way; red: hidden next, blue: gone", np.asarray(picture)
 
 
-def tapvid(clip: Shown) -> Iterator[tuple[str, U8]]:
-    with np.load(clip.home / "tapvid/tapvid.npz") as file:
-        px = file["points"] * [file["video"].shape[2], file["video"].shape[1]] - 0.5
-        occluded, who = file["occluded"], file["object"]
-    picture, draw = pen(clip.rgb // 2 + 40)
-    for way, hidden, number in zip(px, occluded, who.tolist(), strict=True):
-        colour = ink(number) if number else (235, 235, 235)
-        tail = [tuple(at) for at in way[max(clip.index - TAIL, 0) : clip.index + 1].tolist()]
-        draw.line(tail, colour, 1)
-        x, y = tail[-1]
-        circle = (x - 3, y - 3, x + 3, y + 3)
-        draw.ellipse(circle, None if hidden[clip.index] else colour, colour)
-    yield "tapvid: tracks; hollow: hidden", np.asarray(picture)
-
-
 def depth(clip: Shown) -> Iterator[tuple[str, U8]]:
     codes = clip.read("depth/{:05d}.png").astype(np.float32)
     low, high = np.percentile(codes, (0.5, 99.5))
@@ -237,7 +220,6 @@ PANELS: dict[str, Callable[[Shown], Iterator[tuple[str, U8]]]] = {
     "davis": palette("davis", "Annotations/Full-Resolution"),
     "mot": mot,
     "flo": flo,
-    "tapvid": tapvid,
     "depth": depth,
     "normals": normals,
     "albedo": albedo,

@@ -36,7 +36,7 @@ def export(options: argparse.Namespace) -> int:
 
 
 NAMES = (
-    "frames", "flo", "tapvid", "depth", "normals", "albedo", "coco", "davis", "mot", "events", "trajectory",
+    "frames", "flo", "depth", "normals", "albedo", "coco", "davis", "mot", "events", "trajectory",
     "physics",
 )  # fmt: skip
 

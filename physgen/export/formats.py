@@ -16,7 +16,6 @@ from physgen.export.labels import Clip, Writer
 from physgen.export.maps import Albedo, Depth, Normals
 from physgen.export.mot import Mot
 from physgen.export.physics import Physics
-from physgen.export.tapvid import Tapvid
 from physgen.export.trajectory import TrajectoryTables
 from physgen.files import install
 from physgen.maps import Percepts
@@ -46,7 +45,6 @@ class LabelFormat:
 FORMATS = (
     LabelFormat("frames", Frames, "the pictures, PNG"),
     LabelFormat("flo", Flo, "optical flow, Middlebury .flo, with masks of hidden pixels"),
-    LabelFormat("tapvid", Tapvid, "point tracks, TAP-Vid npz"),
     LabelFormat("depth", Depth, "depth, 16-bit PNG", True, "depth"),
     LabelFormat("normals", Normals, "normals, 16-bit PNG", True, "normals"),
     LabelFormat("albedo", Albedo, "albedo, linear, 16-bit PNG", True, "albedo"),
@@ -60,6 +58,8 @@ FORMATS = (
 PERCEIVE_OPTIONS = {"depth": " --backend depth=NAME"}
 """Options of `perceive` that make a map which it does not make by default."""
 FLAG = "--format"
+REMOVED = {"tapvid": "trajectory,davis"}
+"""Formats of former versions, and where their content is."""
 
 
 def chosen_formats(names: Sequence[str], flag: str = FLAG, written: bool = True) -> list[LabelFormat]:
@@ -75,6 +75,8 @@ def chosen_formats(names: Sequence[str], flag: str = FLAG, written: bool = True)
         if kind is None:
             close = nearest(name, known)
             fix = f'did you mean "{close}"?' if close else f"write any of {listed(list(known))}"
+            if name in REMOVED:
+                fix = f"it was removed; write {REMOVED[name]}"
             problems += InputError.of(flag, f'"{name}"', "is no format", fix).problems
         elif written and kind.library and find_spec(kind.library) is None:
             what, fix = f"needs {kind.library}, which is not installed", install("labels")

@@ -58,8 +58,10 @@ def test_labels_that_are_there_are_not_lost(tmp_path, capsys) -> None:
 
 
 def test_a_name_that_is_no_format(tmp_path, capsys) -> None:
-    assert main(["export", str(hall(tmp_path)), "--format", "tapvit", "-o", str(tmp_path / "out")]) == 2
-    assert '--format: "tapvit" is no format; did you mean "tapvid"?' in capsys.readouterr().err
+    assert main(["export", str(hall(tmp_path)), "--format", "davos,tapvid", "-o", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert '--format: "davos" is no format; did you mean "davis"?' in said
+    assert '--format: "tapvid" is no format; it was removed; write trajectory,davis' in said
     assert not (tmp_path / "out").exists()
 
 
