@@ -1,4 +1,4 @@
-"""Hostile input: mutated scenes, assets, pictures, packs, arguments, disks, interrupted and concurrent runs, requests.
+"""Hostile input: mutated scenes, assets, pictures, arguments, disks, interrupted and concurrent runs, requests.
 
     python benchmarks/attack.py                            # one minute, seed 0
     python benchmarks/attack.py --minutes 20 --seed 3      # longer
@@ -16,7 +16,6 @@ from __future__ import annotations
 import argparse
 import atexit
 import copy
-import io
 import itertools
 import json
 import os
@@ -32,8 +31,6 @@ import sys
 import tempfile
 import time
 import traceback
-import warnings
-import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -49,7 +46,6 @@ import yaml
 from physgen import pipeline  # imported before forking, so that a child starts at once
 from physgen.cli.main import main as physgen
 from physgen.files import file_stamp
-from physgen.scene.pack import pack_scene
 
 ROOT = Path(__file__).resolve().parent.parent
 SECONDS = 20
@@ -338,7 +334,7 @@ def edit(chance: random.Random, names: list[str]) -> tuple[str, ...]:
     ))  # fmt: skip
 
 
-# Pictures, maps and packs
+# Pictures and maps
 
 
 @cache
@@ -384,7 +380,6 @@ def assets(folder: Path, chance: random.Random) -> Iterator[tuple[str, ...]]:
         edit(chance, names),
         edit(chance, names),
         ("perceive", "--refresh", "scene.yaml", "-o", "again.yaml"),
-        ("pack", "scene.yaml", "-o", "a.physgen"),
     ))  # fmt: skip
 
 
@@ -440,43 +435,6 @@ def photos(folder: Path, chance: random.Random) -> Iterator[tuple[str, ...]]:
     yield ("perceive", "photo.png", "-o", "made.yaml")
 
 
-def packs(folder: Path, chance: random.Random) -> Iterator[tuple[str, ...]]:
-    """One pack damaged in its bytes or in its list of members."""
-    seed = chance.choice(sorted(ROOT.glob("scenes/*/scene.yaml")))
-    data = _packed(seed)
-    if chance.random() < 0.5:
-        (folder / "a.physgen").write_bytes(damaged(data, chance))
-    else:
-        with (
-            zipfile.ZipFile(io.BytesIO(data)) as source,
-            zipfile.ZipFile(folder / "a.physgen", "w") as target,
-        ):
-            for info in source.infolist():
-                content = source.read(info)
-                name = info.filename
-                what = chance.randrange(8)
-                if what == 0:
-                    name = chance.choice(
-                        ("", "/", "..", "../x", "a//b", "a" * 300, "\u202e.png", "C:x", "a\\b", "pack.json")
-                    )
-                elif what == 1:
-                    content = damaged(content, chance)
-                elif what == 2:
-                    continue
-                with warnings.catch_warnings(action="ignore"):  # of two members of one name
-                    target.writestr(zipfile.ZipInfo(name), content)
-    yield ("unpack", "a.physgen", "-o", "unpacked")
-
-
-_PACKS: dict[Path, bytes] = {}
-
-
-def _packed(scene: Path) -> bytes:
-    if scene not in _PACKS:
-        _PACKS[scene] = pack_scene(scene)
-    return _PACKS[scene]
-
-
 # Disks, arguments, runs
 
 
@@ -496,8 +454,6 @@ def arguments(folder: Path, chance: random.Random) -> Iterator[tuple[str, ...]]:
         ("simulate", "scene.yaml", "-o", name, "--set", "world.duration=0.1"),
         ("check", name),
         ("perceive", name),
-        ("unpack", name, "-o", "unpacked"),
-        ("pack", "scene.yaml", "-o", name),
         ("gallery", name),
         ("verify", name),
         ("check", "scene.yaml", "--set", f"world.duration={number}"),
@@ -689,7 +645,6 @@ COMMANDS: dict[str, Callable[[Path, random.Random], Iterator[tuple[str, ...]]]] 
     "assets": assets,
     "pictures": pictures,
     "photos": photos,
-    "packs": packs,
     "arguments": arguments,
     "disks": disks,
 }

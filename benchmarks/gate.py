@@ -11,7 +11,7 @@ further scenes (one folder each, as `physgen import physgen` reads them). What i
                 names of the output files
     perceive    every bundled photo and the peers: scene file without its comments, and the maps
     export      two scenes, in all formats
-    commands    further ways through render, simulate, sweep, verify, pack and unpack; the flags of every command
+    commands    further ways through render, simulate, sweep and verify; the flags of every command
     measures    quick runs of `evaluate --json`, times left out
     refused     messages and exit code of every file in tests/refused/cases
 
@@ -97,11 +97,9 @@ INTENDED: dict[str, str] = {
     "perceive/*/messages": "warnings on shapes and background have gone",
     "commands/dataset --help*": "--link and --shard-size are gone",
     "commands/edit --help*": "--fallback is gone",
-    "commands/pack --help*": "--allow-outside is gone",
     "commands/render --help*": "--ship is gone",
     "commands/sweep --help*": "--ship is gone",
     "commands/sweep/files": "strips of frames are gone",
-    "commands/verify/unpacked/*": "unpack writes no copy of the schema",
     "*/manifest.json/chaos": "--chaos went: two runs with --set, or --fan",
     "*/manifest.json/device": "--device went: the processor draws all frames",
     "*/manifest keys": "as above",
@@ -127,7 +125,7 @@ FORMATS = "frames,flo,coco,davis,mot,events,trajectory,physics"
 MAP_FORMATS = "depth,normals,albedo"
 COMMANDS = (
     *("perceive", "import", "edit", "check", "simulate", "render", "sweep", "export", "dataset"),
-    *("gallery", "verify", "pack", "unpack", "cache", "backends", "schema", "evaluate"),
+    *("gallery", "verify", "cache", "backends", "schema", "evaluate"),
 )
 MEASURES = ("physics", "segmentation", "fid", "study")
 
@@ -345,7 +343,7 @@ def sweep_values(runner: Runner) -> Values:
 
 
 def verify_values(runner: Runner) -> Values:
-    """A clip verified, packed and unpacked, and its video."""
+    """A clip verified, and its video."""
     clips, scene = runner.made("verified"), "scenes/pendulum/scene.yaml"
     made = runner.run(
         "render", scene, "-o", str(clips), "--format", "mp4,gif,webp", "--set", "render.frames=4"
@@ -356,10 +354,6 @@ def verify_values(runner: Runner) -> Values:
     for clip in sorted(path.parent for path in clips.rglob("manifest.json")):
         done = runner.run("verify", str(clip))
         values["verify"] = {"exit": done.returncode}
-    pack = runner.made("pendulum.physgen")
-    values["pack"] = outcome(runner.run("pack", scene, "-o", str(pack)))
-    values["unpack"] = outcome(runner.run("unpack", str(pack), "-o", str(runner.made("unpacked"))))
-    values["unpacked"] = folder_values(runner.made("unpacked"))
     return values
 
 

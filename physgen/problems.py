@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum
-from pathlib import Path, PurePath
 from typing import Any, NamedTuple
 
 
@@ -19,25 +17,6 @@ class Place(NamedTuple):
 
     def __str__(self) -> str:
         return f"{self.file}:{self.line}:{self.column}" if self.line else self.file
-
-
-_NAMES: dict[str, str] = {}
-"""Folder -> the pack or the like whose files are in it."""
-
-
-def name_folder(folder: Path, name: str) -> None:
-    """From now on messages show files below `folder`, which the user does not know, as `NAME: FILE`."""
-    for path in (str(folder), os.path.normpath(folder)):
-        _NAMES[path] = name
-
-
-def _renamed(place: Place) -> Place:
-    """The place as the user knows it."""
-    file = PurePath(place.file)
-    for folder in file.parents if _NAMES else ():
-        if (name := _NAMES.get(str(folder))) is not None:
-            return place._replace(file=f"{name}: {file.relative_to(folder)}")
-    return place
 
 
 class Severity(Enum):
@@ -65,9 +44,6 @@ class Problem:
     fix: str
     """What to do, as an imperative: `write grams, e.g. 170`."""
     severity: Severity = Severity.ERROR
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "place", _renamed(self.place))
 
     def __str__(self) -> str:
         where = f"{self.place}: " + (f"{self.path}: " if self.path else "")
@@ -117,7 +93,7 @@ class InputError(Exception):
 
 
 MIB = 2**20
-_UNITS = {"MiB": MIB, "GiB": 1024 * MIB, "megapixels": 10**6}
+_UNITS = {"MiB": MIB, "megapixels": 10**6}
 
 
 class Limit(Enum):
@@ -154,12 +130,6 @@ class Limit(Enum):
     FRAMES = (100_000, "", "duration times fps times slow", "are too many", "at most {}", "an hour of video")
     POSES = (20_000_000, "", "samples times objects of one motion", "are too many to hold",
              "keep samples x objects below {}", "2 GB")  # fmt: skip
-    FILES = (2_000, "files", "files of a pack", "are over the {} of a pack", "pack fewer variants",
-             "200 variants")  # fmt: skip
-    PICTURE = (800 * MIB, "MiB", "picture of a pack", "is larger than {}", "make it smaller",
-               "100 megapixels of 4 channels of 16 bits, not compressed")  # fmt: skip
-    PACK = (2048 * MIB, "GiB", "pack, and its files together", "is larger than {}", "make its photo smaller",
-            "it is held in memory")  # fmt: skip
 
     def __init__(self, most: int, unit: str, what: str, expected: str, fix: str, reason: str) -> None:
         self.most, self.what, self.reason = most, what, reason

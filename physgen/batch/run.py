@@ -152,7 +152,7 @@ def _run(job: Job, progress: pipeline.Progress) -> Done:
     try:
         options = replace(job.options, name=job.name, mark=job.mark)
         if options.cached:
-            manifest = unchanged_clip(job.folder, job.mark, pipeline.scene_file(job.scene), hash_of)
+            manifest = unchanged_clip(job.folder, job.mark, Path(job.scene), hash_of)
             if manifest and manifest["source"] == source_of(Path(job.scene), job.folder):
                 return Done(job, job.folder, tuple(recorded_warnings(manifest)), State.UNCHANGED)
         folder = pipeline.render_scene(

@@ -28,7 +28,7 @@ from physgen.batch.compare import (
 )
 from physgen.export.video import U8, Format
 from physgen.files import final_name
-from physgen.pipeline.stages import Film, Keep, Stages, scene_file
+from physgen.pipeline.stages import Film, Keep, Stages
 from physgen.problems import InputError, Problem
 from physgen.report.record import RunRecord, file_hash, frame_hash, inputs, json_text, versions
 from physgen.scene.scene import Scene
@@ -49,7 +49,7 @@ class VerifyRequest:
 
     folder: Path
     scene: Path | None = None
-    """The scene file or pack; None: the one that the manifest names."""
+    """The scene file; None: the one that the manifest names."""
     allow_outside: bool = False
 
 
@@ -172,7 +172,7 @@ def _verify(request: VerifyRequest, progress: pipeline.Progress) -> Verdict:
     damaged = _damaged_files(folder, manifest.files, progress)
     path = request.scene or _source(manifest, folder)
     scene = pipeline.load(path, manifest.overrides, manifest.variant, request.allow_outside)
-    files = changed_files(manifest.inputs, inputs(scene, scene_file(path)))
+    files = changed_files(manifest.inputs, inputs(scene, Path(path)))
     values = changed_values(manifest.document, json.loads(json_text(scene.document)))
     here = {"machine": f"{platform.machine()} {platform.system()}"}
     there = {"machine": manifest.machine}

@@ -86,10 +86,9 @@ def preview_edits(
 @lru_cache(maxsize=1)
 def _opened(path: str, allow_outside: bool) -> Opened:
     """A file of which many clips are made is read once."""
-    from physgen import pipeline
     from physgen.scene.load import Opened
 
-    return Opened(pipeline.scene_file(path), allow_outside)
+    return Opened(path, allow_outside)
 
 
 def job_maker(options: argparse.Namespace) -> Callable[..., Job]:

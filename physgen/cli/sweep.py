@@ -29,12 +29,11 @@ MOST_TRACKED = 32
 
 def sweep(options: argparse.Namespace) -> int:
     from physgen.batch.sweep import Design, check_values, planned
-    from physgen.pipeline import scene_file
     from physgen.scene.load import Opened
 
     _scene_first(options)
     design = Design.LATIN if options.latin else Design.INDEPENDENT
-    opened = Opened(scene_file(options.scene), options.allow_outside)
+    opened = Opened(Path(options.scene), options.allow_outside)
     variants = [None, *opened.variants] if options.variant == "all" else [options.variant]
     axes = _axes(opened, variants, options)
     plan = planned(axes, variants, options.samples, options.seed, design)
@@ -144,7 +143,7 @@ def _tracked(objects: tuple[str, ...], chosen: list[str] | None) -> tuple[str, .
 
 
 def add(parser: Parser) -> None:
-    parser.add_argument("scene", metavar="SCENE", help="a file or a pack")
+    parser.add_argument("scene", metavar="SCENE", help="a scene file")
     about = (
         "start:end:count (count:log for a geometric series), YAML values separated by commas, or a distribution, "
         "quoted: ~uniform(a, b), ~loguniform(a, b), ~normal(mean, sd) or ~normal(mean, sd, low, high), "

@@ -57,7 +57,7 @@ def _watched(request: VerifyRequest, bar: Bar) -> Verdict:
 def add(parser: Parser) -> None:
     about = "folders of rendered clips, at any depth"
     parser.add_argument("folders", metavar="DIR", type=Path, nargs="+", help=about)
-    about = "the scene file or pack of all these clips; default: the one that each clip's manifest names"
+    about = "the scene file of all these clips; default: the one that each clip's manifest names"
     parser.option("--scene", "FILE", Path, about)
     parser.option("--jobs", "N", count, "clips verified at a time; default: 1", 1)
     parser.flag("--json", "print a line of JSON for each clip, and one with the counts")

@@ -14,7 +14,6 @@ from physgen.pipeline.stages import (
     load,
     percepts,
     render,
-    scene_file,
     shot,
     simulate,
     stage,
@@ -25,5 +24,5 @@ from physgen.progress import Progress, silent
 __all__ = [
     "Page", "Progress", "Refiners", "RenderOptions", "Stages", "Warn", "compile", "fan", "filled",
     "ignore_warning", "import_physgen", "lint", "load", "output_name", "perceive", "percepts", "render", "render_scene",
-    "scene_file", "shot", "silent", "simulate", "stage",
+    "shot", "silent", "simulate", "stage",
 ]  # fmt: skip

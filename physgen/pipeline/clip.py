@@ -17,7 +17,7 @@ import numpy as np
 from physgen.export.video import U8, Format
 from physgen.files import file_stamp
 from physgen.pipeline.refining import Refiners, guidance_footage, refine_footage
-from physgen.pipeline.stages import Film, Keep, Stages, fan, lint, render, scene_file
+from physgen.pipeline.stages import Film, Keep, Stages, fan, lint, render
 from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
 from physgen.progress import Progress, silent
 from physgen.scene.scene import ADD_OBJECT, Motion
@@ -289,7 +289,7 @@ class _Run:
         self.final = output_folder(out, scene.name)
         record.scene, record.document = scene.name, scene.document
         record.seeds = {"refine": scene.refine.seed}
-        record.inputs = inputs(scene, scene_file(path), stages.hash)
+        record.inputs = inputs(scene, Path(path), stages.hash)
         record.source = source_of(Path(path), self.final)
         record.video = {"size": list(scene.video_size), "fps": scene.render.fps}
         progress("compile", 0, 1)

@@ -8,13 +8,10 @@ one scene.
 from __future__ import annotations
 
 import os
-import shutil
-from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cached_property
-from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
@@ -22,10 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.files import Stamp, file_stamp
-from physgen.problems import InputError, Limit, Place, Problem, name_folder
+from physgen.problems import InputError, Limit, Place, Problem
 from physgen.progress import Progress, silent
-from physgen.report.folders import process_folder
-from physgen.scene.unpack import is_pack
 from physgen.text import quoted
 
 if TYPE_CHECKING:
@@ -49,43 +44,14 @@ MOST_HASHES = 20_000
 MOST_PIXELS = 2_000_000
 """Of a photo that stays in memory with its maps; a larger one is released once sprites are cut out of it."""
 
-MAX_UNPACKED = 64
-"""Packs that a process has unpacked at a time."""
-
-_UNPACKED: OrderedDict[tuple[str, Stamp], tuple[Path, Path]] = OrderedDict()
-"""Absolute path and stamp of a pack -> the folder with its files, and its scene file."""
-_NUMBERS = count()
-
 
 def load(
     path: str | Path, overrides: Sequence[str] = (), variant: str | None = None, allow_outside: bool = False
 ) -> Scene:
-    """Scene file or pack -> Scene, overlays applied and defaults filled in. Raises InputError with every problem."""
+    """Scene file -> Scene, overlays applied and defaults filled in. Raises InputError with every problem."""
     from physgen.scene.load import load as load_scene
 
-    return load_scene(scene_file(path), overrides, variant, allow_outside)
-
-
-def scene_file(path: str | Path) -> Path:
-    """The path itself for a scene file; for a pack, the path of its unpacked scene file.
-
-    Messages name the pack. Raises InputError for a zip that is no pack.
-    """
-    path = Path(path)
-    if not is_pack(path):
-        return path
-    from physgen.scene.unpack import read_pack, unpack_to
-
-    key, name = (os.path.abspath(path), file_stamp(path)), str(path)
-    if key not in _UNPACKED or not _UNPACKED[key][1].is_file():
-        folder = process_folder() / f"pack-{next(_NUMBERS)}"
-        _UNPACKED[key] = folder, unpack_to(read_pack(path), folder, name)
-    _UNPACKED.move_to_end(key)
-    while len(_UNPACKED) > MAX_UNPACKED:
-        shutil.rmtree(_UNPACKED.popitem(last=False)[1][0], ignore_errors=True)
-    folder, scene = _UNPACKED[key]
-    name_folder(folder, name)
-    return scene
+    return load_scene(path, overrides, variant, allow_outside)
 
 
 def percepts(scene: Scene) -> Percepts | None:
@@ -332,7 +298,7 @@ class Stages:
         """See `load`."""
         from physgen.scene.load import Opened
 
-        name = str(scene_file(path))
+        name = str(path)
         read = (os.getcwd(), name, allow_outside)
         opened = self._opened.of(read, lambda: Opened(name, allow_outside))
         if opened.stale():

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import atexit
 import errno
 import json
 import os
 import re
-import secrets
 import shutil
-import tempfile
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
-from functools import cache
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from physgen.files import machine_id, partial
@@ -59,27 +55,6 @@ def remove_leftovers(out: Path) -> None:
                 shutil.rmtree(path, ignore_errors=True)
             else:
                 path.unlink(missing_ok=True)
-
-
-@contextmanager
-def temporary_folder() -> Iterator[Path]:
-    """A temporary folder of this process, removed when the block ends; one that a killed process left, by the next."""
-    home = Path(tempfile.gettempdir())
-    remove_leftovers_once(home)
-    folder = partial(home / f"physgen-{secrets.token_hex(4)}")
-    folder.mkdir(mode=0o700)
-    try:
-        yield folder
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-
-
-@cache
-def process_folder() -> Path:
-    """A temporary folder that is removed when this process ends."""
-    stack = ExitStack()
-    atexit.register(stack.close)
-    return stack.enter_context(temporary_folder())
 
 
 def _lives(process: int) -> bool:

@@ -53,7 +53,7 @@ class RunRecord:
     alone: list[str] = field(default_factory=list)
     """The command that makes this clip and no other."""
     source: str = ""
-    """Path of the scene file, or of the pack that it is in, relative to the clip's folder."""
+    """Path of the scene file, relative to the clip's folder."""
     inputs: dict[str, str] = field(default_factory=dict)
     """Path relative to the scene's folder -> SHA-256."""
     overrides: list[str] = field(default_factory=list)

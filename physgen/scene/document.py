@@ -172,9 +172,7 @@ def decode(data: bytes, name: str) -> str:
             fix = "make a scene of it with physgen perceive"
             raise InputError.of(name, "", "is a picture, not a scene file", fix) from None
         if data.startswith(b"PK\x03\x04"):
-            raise InputError.of(
-                name, "", "is a pack or a zip, not a scene file", "physgen unpack it"
-            ) from None
+            raise InputError.of(name, "", "is a zip, not a scene file", "unzip it") from None
         before = data[: error.start]
         place = Place(name, before.count(b"\n") + 1, error.start - before.rfind(b"\n"))
         raise InputError([Problem(place, "", "", "not UTF-8 text", "save the file as UTF-8")]) from None

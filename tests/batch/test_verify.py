@@ -17,7 +17,6 @@ from physgen import pipeline
 from physgen.batch.verify import Outcome, Verdict, VerifyRequest, verify
 from physgen.cli.main import main
 from physgen.export.video import Format
-from physgen.scene.pack import pack_scene
 from physgen.simulate.trajectory import read_trajectory
 
 SCENE = """\
@@ -260,8 +259,6 @@ def test_a_clip_that_was_refined_is_compared_as_it_was_drawn(desk: Path) -> None
 
 
 def test_where_the_scene_is(desk: Path, tmp_path: Path) -> None:
-    pack = tmp_path / "desk.physgen"
-    pack.write_bytes(pack_scene(desk / "scene.yaml"))
     moved = tmp_path / "moved" / "clips"
     shutil.copytree(desk / "out", moved)
     found = verify(VerifyRequest(moved / "desk"))
@@ -270,10 +267,7 @@ def test_where_the_scene_is(desk: Path, tmp_path: Path) -> None:
         f"{moved / 'desk' / '../../scene.yaml'}: is not there; "
         "the clip or the scene was moved; name it with --scene FILE"
     ]
-    for scene in (desk / "scene.yaml", pack):
-        assert verify(VerifyRequest(moved / "desk", scene)).outcome is Outcome.EQUAL
-    pipeline.render_scene(pack, tmp_path / "from", page=pipeline.Page.NONE)
-    assert verify(VerifyRequest(tmp_path / "from" / "desk")).outcome is Outcome.EQUAL
+    assert verify(VerifyRequest(moved / "desk", desk / "scene.yaml")).outcome is Outcome.EQUAL
     rewrite(desk, lambda told: told.pop("source"))
     assert [str(p) for p in judged(desk).problems] == [
         f"{desk / 'out' / 'desk' / 'manifest.json'}: does not say where its scene is: "

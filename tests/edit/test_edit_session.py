@@ -203,7 +203,7 @@ def test_maps_of_a_correction_are_a_folder_of_their_own_and_the_text_chooses(dis
             ["scene.yaml", "--host", "no.such.host.example"],
             "--host no.such.host.example: cannot be listened on",
         ),
-        (["scene.physgen"], "physgen unpack it"),
+        (["scene.physgen"], "is a zip, not a scene file; unzip it"),
         (["scene.yaml", "-o", "junk.txt"], "junk.txt: is a file; name a folder with -o"),
         (["broken.png"], "broken.png"),
         (["junk.txt"], "junk.txt"),

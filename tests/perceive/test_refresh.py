@@ -311,9 +311,6 @@ def test_a_scene_is_refreshed_in_place(scene: Path, capsys: pytest.CaptureFixtur
     masks.write_bytes(masks.read_bytes()[:80])
     assert main(["perceive", "--refresh", str(scene)]) == 2
     assert f'"{masks.parent.name}/masks.png" is not a picture' in capsys.readouterr().err
-    pack = scene.with_suffix(".physgen")
-    assert main(["perceive", "--refresh", str(pack)]) == 2
-    assert "-o NEW.yaml" in capsys.readouterr().err
 
 
 @pytest.mark.slow
