@@ -9,7 +9,6 @@ from contextlib import redirect_stdout
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
-from textwrap import wrap
 
 import cv2
 import numpy as np
@@ -183,9 +182,6 @@ def events(clip: Shown) -> Iterator[tuple[str, U8]]:
                 event["kind"], (120, 255, 120)
             )
             draw.ellipse((x - 5, y - 5, x + 5, y + 5), outline=colour, width=2)
-    large = clip.rgb.shape[1] / WIDE
-    for row, line in enumerate(wrap(told["caption"], 72)):
-        said(draw, (8 * large, (28 + 22 * row) * large), line)
     yield "events so far: red blows, yellow tips, blue pushes, green rests", np.asarray(picture)
 
 

@@ -2,7 +2,7 @@
 
 The folder layout, which Hugging Face's `videofolder` loads:
 
-    train/metadata.jsonl               a row per clip: file_name, caption, and other metadata
+    train/metadata.jsonl               a row per clip: file_name and other metadata
     train/<key>/video.mp4              with clip.json, trajectory.npz and labels, a folder per format
 
 WebDataset shards, which are the same bytes every time:
@@ -40,7 +40,7 @@ SIZES = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_
 """Size categories of the Hugging Face Hub."""
 LABELS = "truth"
 """Folder of a clip's labels."""
-VIDEO, CAPTION = "video.mp4", "events/caption.txt"
+VIDEO = "video.mp4"
 MAX_KEY_LENGTH = 80
 """Characters of a key, without the digits that make it unique."""
 _UNSAFE = re.compile(r"[^A-Za-z0-9_-]+")
@@ -143,11 +143,6 @@ class Sample:
         """Bytes of all files."""
         return sum(member.size for member in self.members)
 
-    @property
-    def caption(self) -> str:
-        """Empty where there is none."""
-        return str(self.about["caption"])
-
 
 @dataclass
 class Count:
@@ -158,8 +153,6 @@ class Count:
     seconds: float = 0.0
     bytes: int = 0
     photos: set[str] = field(default_factory=set)
-    captions: int = 0
-    """Clips that have one."""
 
     def add(self, sample: Sample) -> None:
         """Adds one sample."""
@@ -168,7 +161,6 @@ class Count:
         self.seconds += float(sample.about["seconds"])
         self.bytes += sample.size
         self.photos.add(str(sample.about["photo"]))
-        self.captions += bool(sample.caption)
 
     def as_dict(self) -> dict[str, Any]:
         """For `dataset.json`."""
@@ -214,12 +206,8 @@ def _members(folder: Path, files: Mapping[str, str], formats: Collection[str]) -
         try:
             size = (folder / file).stat().st_size
         except OSError:
-            raise _missing(folder / file) from None
+            raise InputError.of(str(folder / file), "", "is missing", "render the clip again") from None
         yield Member(name, file, size)
-
-
-def _missing(path: Path) -> InputError:
-    return InputError.of(str(path), "", "is missing", "render the clip again")
 
 
 def _about(
@@ -239,7 +227,6 @@ def _about(
         "variant": manifest["variant"] or "",
         # as text: readers that make columns of it need the same ones in every clip
         "parameters": json.dumps(dict(map(_parameter, manifest["overrides"])), ensure_ascii=False),
-        "caption": _caption(clip.folder, manifest["files"]),
         "split": splits.of(photo),
         "photo": photo,
         "frames": frames,
@@ -276,16 +263,6 @@ def _parameter(text: str) -> tuple[str, Any]:
         return name, parse_yaml(value).data
     except InputError:
         return name, value
-
-
-def _caption(folder: Path, files: Mapping[str, str]) -> str:
-    if f"{LABELS}/{CAPTION}" not in files:
-        return ""
-    path = folder / LABELS / CAPTION
-    try:
-        return path.read_text(encoding="utf-8").strip()
-    except OSError:
-        raise _missing(path) from None
 
 
 @dataclass
@@ -368,7 +345,6 @@ def _entries(sample: Sample) -> Iterator[tuple[str, bytes | Path]]:
     video, *others = sample.members
     yield f"{sample.key}.mp4", sample.folder / video.file
     yield f"{sample.key}.json", _json_line(sample.about)
-    yield f"{sample.key}.txt", sample.caption.encode()
     for member in others:
         yield f"{sample.key}.{member.name.replace('/', '.')}", sample.folder / member.file
 

@@ -62,9 +62,6 @@ def _odd(done: DatasetSummary, options: argparse.Namespace) -> None:
     def odd(expected: str, fix: str) -> None:
         print_problem(Problem(Place(str(options.output)), "", "", expected, fix, Severity.WARNING))
 
-    silent = sum(count.clips - count.captions for count in done.counts.values())
-    if silent:
-        odd(f"has {_clips(silent)} without a caption", "render or export them with the format events")
     for name in options.format:
         if lacking := done.total - done.formats[name]:
             what = f"{_clips(lacking)} of {done.total:,} have no {name}"

@@ -1,49 +1,303 @@
-"""Events of a clip as JSON, with one sentence for each event and a short caption."""
+"""Events of a motion as JSON: pushes, starts, collisions, tips, picture borders and rests.
+
+The number of frames and their rate change nothing: the motion is sampled again, evenly and around impacts.
+"""
 
 from __future__ import annotations
 
-import re
-from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from math import atan2, pi
+from enum import Enum
+from functools import partial
+from math import ceil, pi, radians
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from physgen.export.event_detection import Event, EventKind, events
+from physgen.compile.world import Body, World
 from physgen.export.labels import Clip, Writer, write_json
-from physgen.scene.scene import Play, Point
-from physgen.simulate.trajectory import REST_SPEED
+from physgen.geometry.polygon import Array, rotation
+from physgen.render.camera import Shot
+from physgen.render.contacts import Impact, find_impacts
+from physgen.scene.scene import Load, Motion, Play, Point, Solid, View
+from physgen.simulate.engine import simulate
+from physgen.simulate.trajectory import REST_SPEED, REST_TURN, Trajectory, rest_times, resting_mask
 
-AT_START = 0.01
-"""s of the clip: an earlier event happens at the start."""
-LONGEST_NOUN = 40
-"""Characters: an object with a longer label is called by its name."""
-MOST = 3
-"""Objects of one kind of event that get a sentence each in the caption."""
-SAME_PACE = 0.02
-"""Of the speed: a smaller difference between clip and motion is not mentioned."""
+Sampled = Callable[[Array], Trajectory]
+"""The motion at other times (T,) s."""
 
-COMPASS = (
-    *("to the right", "down and to the right", "down", "down and to the left"),
-    *("to the left", "up and to the left", "up", "up and to the right"),
-)
-"""Of image axes, from +x on towards +y."""
-BORDERS = {"left": "on the left", "right": "on the right", "top": "at the top", "bottom": "at the bottom"}
-VERBS = {
-    EventKind.MOVING: ("moves", "move"),
-    EventKind.PUSH: ("is pushed", "are pushed"),
-    EventKind.MOVE: ("starts to move", "start to move"),
-    EventKind.FALL: ("starts to fall", "start to fall"),
-    EventKind.COLLISION: ("hits", "hit"),
-    EventKind.TIP: ("tips over", "tip over"),
-    EventKind.LEAVE: ("leaves the picture", "leave the picture"),
-    EventKind.ENTER: ("comes into the picture", "come into the picture"),
-    EventKind.REST: ("comes to rest", "come to rest"),
-}
-"""Of one object, and of several in a caption."""
+
+@dataclass(frozen=True)
+class EventLimits:
+    """What counts as a motion and a touch, and how finely the motion is sampled."""
+
+    shift: float = 0.005
+    """Of the photo's longer side, by which an object's centre or rim must leave its place at t = 0: less is settling,
+    which is hardly seen."""
+    loose: float = 1e-3
+    """s within which a touch that ends does not support any more."""
+    rate: float = 240.0
+    least: int = 720
+    """Samples of the motion: a second, and in all; no more than the engine's steps."""
+    most: int = 2_000_000
+    """Samples times objects."""
+    before: float = 1e-6
+    """s before the beginning of a touch."""
+    after: float = 1.5
+    """Steps of the engine after which an impact is over."""
+
+
+LIMITS = EventLimits()
+
+TIPPED = pi / 4
+"""rad."""
+SIDES = ("left", "right", "top", "bottom")
+
+
+class EventKind(Enum):
+    """Kinds of events, in the order in which those of one moment are listed."""
+
+    MOVING = "moving"
+    """It moves when the clip starts, because the scene says so."""
+    PUSH = "push"
+    """An impulse is given to it, or a force or torque acts until `until`."""
+    MOVE = "move"
+    """It starts to move, and leaves its place by more than `LIMITS.shift`."""
+    FALL = "fall"
+    """The same without contact, joint or push: gravity alone moves it."""
+    COLLISION = "collision"
+    """An impact between two surfaces."""
+    TIP = "tip"
+    """It has turned by 45 degrees; not for balls and discs, and only in side view."""
+    LEAVE = "leave"
+    """The last of it leaves the picture."""
+    ENTER = "enter"
+    """The first of it comes into the picture."""
+    REST = "rest"
+    """It has moved, and rests from then on."""
+
+
+@dataclass(frozen=True)
+class Event:
+    """One event. Surfaces are numbered as in `World.surfaces`: bodies, then walls."""
+
+    kind: EventKind
+    time: float
+    """s of the motion."""
+    surfaces: tuple[int, ...]
+    """One, or the two of a collision: the one that moves faster towards the other first."""
+    at: Point
+    """px of the photo: the point of contact or of a push; else the centre of mass."""
+    until: float | None = None
+    """s: the end of a lasting push; None: it outlasts the clip, or has no length."""
+    impulse: float | None = None
+    """g·px/s: of a collision or an impulse, without lasting pressure."""
+    vector: Point | None = None
+    """Of a collision the unit vector in which the second pushes the first; of a push g·px/s or g·px/s²; else px/s."""
+    torque: float = 0.0
+    """g·px²/s²."""
+    closing: float | None = None
+    """px/s at which the contact points of a collision approach each other just before."""
+    side: str = ""
+    """Of the picture, where an object leaves or enters: one of SIDES; where to it tips: left or right."""
+
+
+def events(
+    world: World, trajectory: Trajectory, shot: Shot, sampled: Sampled | None = None
+) -> tuple[Event, ...]:
+    """All events to the end of the motion, by time; `trajectory` has the samples of the frames, played forward.
+
+    `sampled` gives the same motion at other times; without it, it is simulated again. Of a clip of one frame, the
+    events at its moment.
+    """
+    if not world.bodies or not len(trajectory.times):
+        return ()
+    seen = trajectory
+    if len(trajectory.times) > 1:
+        seen = _resampled(world, sampled or partial(simulate, world))
+    impacts = find_impacts(world, seen, 1 / LIMITS.rate) if len(seen.times) > 1 else []
+    found = [
+        *_pushes(world, seen),
+        *(_collision(world, seen, impact) for impact in impacts),
+        *_motions(world, seen),
+        *_borders(world, seen, shot),
+    ]
+    order = list(EventKind)
+    return tuple(sorted(found, key=lambda event: (event.time, order.index(event.kind), event.surfaces)))
+
+
+def _resampled(world: World, sampled: Sampled) -> Trajectory:
+    """Evenly, and just before and after the beginnings of touches."""
+    most, end = max(LIMITS.most // len(world.bodies), 2), world.duration
+    rate = min(max(LIMITS.rate, LIMITS.least / end), world.steps_per_second)
+    even = np.linspace(0.0, end, min(ceil(end * rate - 1e-6), most) + 1)
+    begins = sampled(np.array([0.0, end])).contacts.touch_times[:most, 0]
+    step = LIMITS.after / world.steps_per_second
+    pushes = np.array([push.start for push in world.pushes])
+    every = np.unique(
+        np.concatenate([even, begins, begins - LIMITS.before, begins - step, begins + step, pushes])
+    )
+    return sampled(every[(every >= 0) & (every <= end)])
+
+
+def _sample(seen: Trajectory, time: float) -> int:
+    """The first at a time or after it."""
+    return min(int(np.searchsorted(seen.times, time - 1e-9)), len(seen.times) - 1)
+
+
+def _pair(values: Array) -> Point:
+    x, y = values[:2].tolist()
+    return x, y
+
+
+def _pushes(world: World, seen: Trajectory) -> Iterator[Event]:
+    last = float(seen.times[-1])
+
+    for push in world.pushes:
+        if world.bodies[push.body].motion is not Motion.DYNAMIC or push.start > last:
+            continue
+        pose = seen.poses[_sample(seen, push.start), push.body]
+        at = _pair(pose[:2] + rotation(float(pose[2])) @ push.at)
+        vector = _pair(push.vector) if push.vector.any() else None
+        sudden = push.load is Load.IMPULSE
+        until = push.end if not sudden and push.end <= last else None
+        impulse = float(np.hypot(*push.vector)) if sudden else None
+        yield Event(EventKind.PUSH, push.start, (push.body,), at, until, impulse, vector, push.torque)
+
+
+def _collision(world: World, seen: Trajectory, impact: Impact) -> Event:
+    step = LIMITS.after / world.steps_per_second
+    # where other impacts came earlier in the same engine step, the sample just before is after them
+    earlier = (impact.time - LIMITS.before, impact.time - step)
+    samples = [*(_sample(seen, time) for time in earlier), _sample(seen, impact.time) - 1]
+    nearing = max((_nearing(world, seen, k, impact) for k in samples if k >= 0), key=sum, default=(0.0, 0.0))
+    pair, way = impact.pair, impact.way
+    if nearing[1] > nearing[0] and pair[1] < len(world.bodies):
+        pair, way = pair[::-1], -way
+    at, vector = _pair(impact.at), _pair(way)
+    return Event(
+        EventKind.COLLISION, impact.time, pair, at, None, impact.impulse, vector, closing=sum(nearing)
+    )
+
+
+def _nearing(world: World, seen: Trajectory, sample: int, impact: Impact) -> tuple[float, float]:
+    """px/s at which the contact point of each surface approaches the other, along the impact's direction."""
+    speeds = [0.0, 0.0]
+    for n, (k, sign) in enumerate(zip(impact.pair, (-1.0, 1.0), strict=True)):
+        if k < len(world.bodies):
+            x, y, spin = seen.velocities[sample, k]
+            arm = impact.at - seen.poses[sample, k, :2]
+            speeds[n] = sign * float(np.array([x - spin * arm[1], y + spin * arm[0]]) @ impact.way)
+    return speeds[0], speeds[1]
+
+
+def _motions(world: World, seen: Trajectory) -> Iterator[Event]:
+    """Starts, falls, tips and rests of each body by itself."""
+    resting, least = resting_mask(seen), LIMITS.shift * max(world.size)
+    for k, (body, rest) in enumerate(zip(world.bodies, rest_times(seen), strict=True)):
+        poses = seen.poses[:, k]
+        turned = np.abs(poses[:, 2] - poses[0, 2])
+        reach = np.maximum(np.hypot(*(poses[:, :2] - poses[0, :2]).T), turned * body.reach)
+        gone = np.flatnonzero(reach > least)
+        if not len(gone):
+            continue
+        yield _start(world, seen, k, int(gone[0]), resting[:, k])
+        if _can_tip(world, body) and turned.max() > TIPPED:
+            at = int(np.argmax(turned > TIPPED))
+            time = _crossing(seen.times, turned - TIPPED, at)
+            side = "right" if poses[at, 2] > poses[0, 2] else "left"
+            yield Event(EventKind.TIP, time, (k,), _pair(poses[at]), side=side)
+        if rest is not None:
+            yield Event(EventKind.REST, rest, (k,), _pair(poses[_sample(seen, rest)]))
+
+
+def _crossing(times: Array, values: Array, at: int) -> float:
+    """s: where values pass 0 between sample `at` - 1 and `at`."""
+    low, high = float(values[at - 1]), float(values[at])
+    return float(times[at - 1] + low / (low - high) * (times[at] - times[at - 1]))
+
+
+def _can_tip(world: World, body: Body) -> bool:
+    round_ = body.radius is not None or body.solid is Solid.SPHERE
+    return world.view is View.SIDE and not round_ and body.motion is Motion.DYNAMIC
+
+
+def _start(world: World, seen: Trajectory, k: int, gone: int, resting: NDArray[np.bool_]) -> Event:
+    """`gone` is the first sample away from the place at t = 0."""
+    body, poses, velocities = world.bodies[k], seen.poses[:, k], seen.velocities[:, k]
+    if body.motion is Motion.SCRIPTED:
+        moves = bool(np.abs(velocities[0]).max() > 0)
+    else:  # by the scene; an impulse at t = 0 does not count
+        slow = np.hypot(*body.velocity) < REST_SPEED and abs(body.spin) < radians(REST_TURN)
+        moves = not slow or bool(body.roll.any())
+    if moves:
+        return Event(EventKind.MOVING, 0.0, (k,), _pair(poses[0]), vector=_pair(velocities[0]))
+    at = max(np.flatnonzero(resting[: gone + 1]).tolist(), default=0)  # an impulse at t = 0 shows at once
+    at += at > 0  # after a rest, it moves in the first sample that shows it
+    time = float(seen.times[at])
+    kind = EventKind.FALL if _falls(world, seen, k, time) else EventKind.MOVE
+    return Event(kind, time, (k,), _pair(poses[at]), vector=_pair(velocities[gone]))
+
+
+def _falls(world: World, seen: Trajectory, k: int, time: float) -> bool:
+    """Whether gravity is all that can move it."""
+    if world.view is not View.SIDE or not world.gravity.any() or world.bodies[k].motion is not Motion.DYNAMIC:
+        return False
+    held = any(k in (joint.first, joint.second) for joint in world.joints)
+    blown = any(k in field.bodies for field in world.fields)
+    soon, late = time + LIMITS.loose, time - LIMITS.loose
+    pushes = (p for p in world.pushes if p.body == k and p.start <= soon)
+    pushed = any(p.end > time or p.start >= late for p in pushes)
+    begin, end = seen.contacts.touch_times.T
+    own = (seen.contacts.touch_pairs == k).any(axis=1)
+    touched = (own & (begin <= time + LIMITS.loose) & (end > time + LIMITS.loose)).any()
+    return not (held or blown or pushed or touched)
+
+
+def _borders(world: World, seen: Trajectory, shot: Shot) -> Iterator[Event]:
+    """An object is in the picture as long as any of its outline is."""
+    lenses = np.stack([shot.affine(float(time)) for time in seen.times])
+    for k, body in enumerate(world.bodies):
+        center = np.einsum("tij,tj->ti", lenses[:, :, :2], seen.poses[:, k, :2]) + lenses[:, :, 2]
+        if (_beyond(center, center, shot.video) <= 0).all():
+            continue
+        beyond = _outside(body, seen.poses[:, k], lenses, shot.video)
+        far = beyond.max(axis=1)
+        for at in (np.flatnonzero((far[1:] > 0) != (far[:-1] > 0)) + 1).tolist():
+            leaves = far[at] > 0
+            kind = EventKind.LEAVE if leaves else EventKind.ENTER
+            side = SIDES[int(beyond[at if leaves else at - 1].argmax())]
+            yield Event(kind, _crossing(seen.times, far, at), (k,), _pair(seen.poses[at, k]), side=side)
+
+
+def _outside(body: Body, poses: Array, lenses: Array, size: tuple[int, int]) -> Array:
+    """(T, 4) video px by which all of a body is beyond each of SIDES; below 0: some of it is not.
+
+    poses (T, 3), lenses (T, 2, 3).
+    """
+    scale, shift = lenses[:, 0, 0, None], lenses[:, :, 2]
+    if body.radius is not None:
+        low, high = poses[:, :2] - body.radius, poses[:, :2] + body.radius
+    else:
+        rim = np.concatenate(body.rings)
+        c, s = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
+        turned = np.stack([c * rim[:, 0] - s * rim[:, 1], s * rim[:, 0] + c * rim[:, 1]], axis=1)
+        low, high = poses[:, :2] + turned.min(axis=2), poses[:, :2] + turned.max(axis=2)
+    return _beyond(low * scale + shift, high * scale + shift, size)
+
+
+def _beyond(low: Array, high: Array, size: tuple[int, int]) -> Array:
+    """(T, 4): how far boxes from `low` to `high` (T, 2) are beyond each border, half a px outside the first centres."""
+    width, height = size
+    return np.stack(
+        [-0.5 - high[:, 0], low[:, 0] - (width - 0.5), -0.5 - high[:, 1], low[:, 1] - (height - 0.5)], axis=1
+    )
+
+
+# ---- the file ----
+
 UNITS = {
     "time, until": "s of the motion",
     "clip_time": "s of the clip as it plays",
@@ -63,8 +317,6 @@ class ClipTimes:
         self._times, self._order, self._fps = clip.trajectory.times, clip.shot.order, clip.fps
         self._backward = clip.scene.render.play is Play.BACKWARD
         self._step = float(self._times[1] - self._times[0]) if len(self._times) > 1 else 1.0
-        self.pace = 1 / (clip.fps * self._step) if len(self._times) > 1 else 1.0
-        """s of the clip that a second of the motion takes."""
 
     def frame(self, time: float) -> int:
         """The first frame that shows the state after a moment of the motion; played backward, the state before it."""
@@ -83,118 +335,9 @@ class ClipTimes:
         return samples / self._fps
 
 
-@dataclass(frozen=True)
-class Story:
-    """The events of a clip, as data and in words."""
-
-    events: tuple[Event, ...]
-    sentences: tuple[str, ...]
-    """One an event."""
-    caption: str
-    """The whole clip, on one line."""
-
-
-def story(clip: Clip) -> Story:
-    """The events of a clip; the same clip always gives the same story."""
-    found = events(clip.world, clip.trajectory, clip.shot, clip.sampled)
-    sentences = Sentences(clip)
-    texts = tuple(map(sentences.of, found))
-    return Story(found, texts, caption(clip, found, texts))
-
-
-def seconds(time: float) -> str:
-    """To a hundredth.
-
-    >>> seconds(0.4), seconds(1.234), seconds(12)
-    ('0.4 s', '1.23 s', '12 s')
-    """
-    return f"{time:.2f}".rstrip("0").rstrip(".") + " s"
-
-
-def noun(label: str, name: str) -> str:
-    """What an object is called: its label up to a comma, or the name where that is no few plain words.
-
-    >>> noun("a red ball", "ball-1"), noun("glass marble, blue", "m"), noun("egg. It explodes", "egg-12")
-    ('red ball', 'glass marble', 'egg')
-    """
-    text = re.sub(r"^(?:the|an?)\s+(?=\S)", "", label.split(",")[0].strip(), flags=re.IGNORECASE)
-    if text and len(text) <= LONGEST_NOUN and all(c.isalnum() or c in " '-" for c in text):
-        return text
-    return re.sub(r"[\s_-]*\d+$", "", name).replace("_", " ").replace("-", " ") or name
-
-
-class Sentences:
-    """One plain English sentence for each event; times are those of the clip as it plays."""
-
-    def __init__(self, clip: Clip) -> None:
-        names = [name for name, _ in clip.world.surfaces]
-        labels = [item.label for item in clip.scene.objects] + [""] * len(clip.world.walls)
-        nouns = [noun(label, name) for label, name in zip(labels, names, strict=True)]
-        count = Counter(nouns)
-        # objects of one label are called by their names
-        self._the = [f"the {n}" if count[n] == 1 else name for n, name in zip(nouns, names, strict=True)]
-        self._pace = ClipTimes(clip).pace
-
-    def of(self, event: Event) -> str:
-        """In the present tense, with a full stop."""
-        one, *others = [self._the[k] for k in event.surfaces]
-        shown, verb = event.time * self._pace, VERBS[event.kind][0]
-        if _is_jolt(event):
-            verb = "jolts"
-        elif event.kind is EventKind.PUSH and event.vector is None:
-            verb = "is turned"
-        words = [one, verb, *others]
-        if (
-            event.kind in (EventKind.MOVING, EventKind.PUSH)
-            and event.vector is not None
-            and any(event.vector)
-        ):
-            x, y = event.vector
-            words.append(COMPASS[round(atan2(y, x) / (pi / 4)) % 8])
-        if event.kind in (EventKind.LEAVE, EventKind.ENTER):
-            words.append(BORDERS[event.side])
-        words.append("at the start" if shown < AT_START else f"after {seconds(shown)}")
-        text = " ".join(words)
-        return f"{text[:1].upper()}{text[1:]}."
-
-
-def _is_jolt(event: Event) -> bool:
-    """Whether the impulse of a collision passes through a contact that was there already."""
-    return event.closing is not None and event.closing < REST_SPEED
-
-
-def caption(clip: Clip, found: Sequence[Event], texts: Sequence[str]) -> str:
-    """The sentences of events that are seen in the picture, by time; of a kind that many objects have, the number.
-
-    Of collisions, the first of each pair that came together before it; what is pushed moves, of course.
-    """
-    pushed = {event.surfaces for event in found if event.kind is EventKind.PUSH}
-    first: dict[EventKind, dict[tuple[int, ...], int]] = {}
-    for k, event in enumerate(found):
-        known = event.kind is EventKind.MOVE and event.surfaces in pushed
-        if not known and not _is_jolt(event) and _in_picture(clip, event):
-            first.setdefault(event.kind, {}).setdefault(tuple(sorted(event.surfaces)), k)
-    lines: list[tuple[float, str]] = []
-    for kind, which in first.items():
-        rows = list(which.values())
-        if len(rows) > MOST and kind is not EventKind.COLLISION:
-            lines.append((found[rows[0]].time, f"{len(rows)} objects {VERBS[kind][1]}."))
-        else:
-            lines += [(found[k].time, texts[k]) for k in rows[:MOST]]
-    words = [text for _, text in sorted(lines, key=lambda line: line[0])] or ["Nothing moves."]
-    if clip.scene.render.play is not Play.FORWARD:
-        words.append(f"The clip shows this {clip.scene.render.play.value.replace('-', ' ')}.")
-    pace = ClipTimes(clip).pace
-    if abs(pace - 1) > SAME_PACE:
-        factor = f"{pace:.2g} times slower" if pace >= 1 else f"{1 / pace:.2g} times faster"
-        words.append(f"The clip shows this {factor} than it happens.")
-    return " ".join(words)
-
-
-def _in_picture(clip: Clip, event: Event) -> bool:
-    """Whether an event is seen."""
-    (x, y), (width, height) = _place_seen(clip, event), clip.size
-    return event.kind in (EventKind.LEAVE, EventKind.ENTER) or (0 <= x < width and 0 <= y < height)
+def events_of(clip: Clip) -> tuple[Event, ...]:
+    """The events of a clip."""
+    return events(clip.world, clip.trajectory, clip.shot, clip.sampled)
 
 
 def _place_seen(clip: Clip, event: Event) -> Point:
@@ -204,16 +347,16 @@ def _place_seen(clip: Clip, event: Event) -> Point:
 
 
 class Events(Writer):
-    """`events.json`, and `caption.txt` with the caption alone."""
+    """`events.json`."""
 
     def __init__(self, folder: Path, clip: Clip) -> None:
         self._folder, self._clip = folder, clip
 
     def close(self) -> None:
-        """Write both files."""
-        clip, found = self._clip, story(self._clip)
+        """Write the file."""
+        clip = self._clip
         about = {
-            "version": 2,
+            "version": 3,
             "clip": clip.name,
             "frames": clip.count,
             "fps": clip.fps,
@@ -225,17 +368,12 @@ class Events(Writer):
                 for item, label in zip(clip.scene.objects, clip.labels, strict=True)
             ],
             "boundaries": [wall.name for wall in clip.world.walls],
-            "caption": found.caption,
-            "events": [
-                _event_json(clip, event, text)
-                for event, text in zip(found.events, found.sentences, strict=True)
-            ],
+            "events": [_event_json(clip, event) for event in events_of(clip)],
         }
         write_json(self._folder / "events.json", about)
-        (self._folder / "caption.txt").write_text(found.caption + "\n", encoding="utf-8")
 
 
-def _event_json(clip: Clip, event: Event, text: str) -> dict[str, Any]:
+def _event_json(clip: Clip, event: Event) -> dict[str, Any]:
     """An event as JSON, without empty fields."""
     times, names = ClipTimes(clip), [name for name, _ in clip.world.surfaces]
     impulse = event.impulse
@@ -254,6 +392,5 @@ def _event_json(clip: Clip, event: Event, text: str) -> dict[str, Any]:
         "torque": event.torque or None,
         "closing": event.closing,
         "side": event.side or None,
-        "text": text,
     }
     return {key: value for key, value in row.items() if value is not None}

@@ -51,7 +51,7 @@ FORMATS = (
     LabelFormat("coco", Coco, "masks, whole masks, boxes and tracks, COCO JSON", library="pycocotools"),
     LabelFormat("davis", Davis, "masks, palette PNG as in DAVIS 2017", most=254),
     LabelFormat("mot", Mot, "boxes and tracks, MOT Challenge text"),
-    LabelFormat("events", Events, "events: JSON, a sentence for each and a caption"),
+    LabelFormat("events", Events, "events: JSON"),
     LabelFormat("trajectory", TrajectoryTables, "poses and velocities in px, video px and SI: CSV, npz"),
     LabelFormat("physics", Physics, "masses, coefficients and all other inputs of the motion: JSON"),
 )

@@ -75,7 +75,6 @@ def test_a_folder_has_a_row_for_every_clip(made: Path, tmp_path: Path, capsys) -
         assert video.read_bytes()[4:8] == b"ftyp"
         assert row["split"] == home.name
         assert row["scene"].startswith("scene-")
-        assert row["caption"].startswith("The ball ")
         assert (row["frames"], row["fps"], row["width"], row["height"]) == (3, 15, 48, 32)
         assert set(row["labels"]) <= {"events", "flo"}
         assert all((video.parent / name).is_dir() for name in row["labels"])
@@ -122,7 +121,6 @@ def test_shards_are_read_by_webdataset_and_hold_the_files(made: Path, tmp_path: 
             about = json.loads(sample["json"])
             assert about["key"] == sample["__key__"]
             assert about["split"] == split
-            assert sample["txt"].decode() == about["caption"]
             assert sample["mp4"][4:8] == b"ftyp"
             with np.load(io.BytesIO(sample["trajectory.npz"])) as file:
                 assert len(file["times"]) == 3
@@ -131,7 +129,7 @@ def test_shards_are_read_by_webdataset_and_hold_the_files(made: Path, tmp_path: 
             if "flo" in about["labels"]:
                 flow = (inside / "flo" / "forward" / "00000.flo").read_bytes()
                 assert sample["flo.forward.00000.flo"] == flow
-                assert json.loads(sample["events.events.json"])["caption"] == about["caption"]
+                assert json.loads(sample["events.events.json"])["frames"] == about["frames"]
             keys.append(sample["__key__"])
     assert len(keys) == len(set(keys)) == 8
     assert not any("." in key for key in keys)
@@ -223,8 +221,8 @@ def test_a_manifest_may_not_name_files_elsewhere(made: Path, tmp_path: Path, cap
     told = json.loads((made / "few" / "scene-1" / "manifest.json").read_text())
     (clip / "video.mp4").write_bytes(b"x")
     (clip / "truth" / "events").mkdir(parents=True)
-    (clip / "truth" / "events" / "caption.txt").write_bytes(b"x")
-    told["files"] = dict.fromkeys(("video.mp4", "truth/events/caption.txt", name), "0")
+    (clip / "truth" / "events" / "events.json").write_bytes(b"x")
+    told["files"] = dict.fromkeys(("video.mp4", "truth/events/events.json", name), "0")
     (clip / "manifest.json").write_text(json.dumps(told))
     assert main(["dataset", str(tmp_path / "out"), "-o", str(tmp_path / "data")]) == 2
     assert "has a damaged manifest" in capsys.readouterr().err

@@ -11,8 +11,7 @@ import pytest
 from storied import BALL, G, clip, clip_of, happened
 
 from physgen.batch.outcomes import outcomes
-from physgen.export.event_detection import Event, EventKind
-from physgen.export.events import ClipTimes, Events, story
+from physgen.export.events import ClipTimes, Event, EventKind, Events, events_of
 from physgen.export.labels import Clip
 
 E = sqrt(0.64 * 1)  # of the ball and the floor
@@ -105,7 +104,7 @@ def test_the_file_names_what_the_scene_names(tmp_path: Path) -> None:
     (tmp_path / "made").mkdir()
     Events(tmp_path / "made", told).close()
     data = json.loads((tmp_path / "made" / "events.json").read_text())
-    assert len(data["events"]) == len(story(told).events)
+    assert len(data["events"]) == len(events_of(told))
     for event in data["events"]:
         assert event["who"][0] == "ball"
         if event["kind"] == "collision":
@@ -115,7 +114,6 @@ def test_the_file_names_what_the_scene_names(tmp_path: Path) -> None:
             seen = [(99.5 + 1) / 2 - 0.5, (place["photo"][1] + 0.5) / 2 - 0.5]
             assert place["video"] == pytest.approx(seen, abs=0.3)
             assert event["frame"] == np.ceil(event["time"] * 60 - 1e-6)
-    assert (tmp_path / "made" / "caption.txt").read_text() == data["caption"] + "\n"
 
 
 def test_a_clip_that_plays_backward_shows_events_in_that_order(tmp_path: Path) -> None:
@@ -135,7 +133,7 @@ SCENES = Path(__file__).parents[2] / "scenes"
 
 
 def _plain(told: Clip) -> list[tuple[object, ...]]:
-    return [(event.kind, event.surfaces, event.side) for event in story(told).events]
+    return [(event.kind, event.surfaces, event.side) for event in events_of(told)]
 
 
 def _numbers(event: Event) -> list[float]:
@@ -150,11 +148,10 @@ def dominoes() -> Clip:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("frames", [12, 200])
-def test_frames_change_no_event_and_no_caption(dominoes: Clip, frames: int) -> None:
+def test_frames_change_no_event(dominoes: Clip, frames: int) -> None:
     film = [f"render.frames={frames}", f"render.fps={frames / 3!r}"]
     told = clip_of(SCENES / "dominoes" / "scene.yaml", film)
     assert told.count == frames
     assert _plain(told) == _plain(dominoes)
-    for event, same in zip(story(told).events, story(dominoes).events, strict=True):
+    for event, same in zip(events_of(told), events_of(dominoes), strict=True):
         assert _numbers(event) == pytest.approx(_numbers(same), abs=1e-6, rel=1e-6)
-    assert story(told).caption == story(dominoes).caption
