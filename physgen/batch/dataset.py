@@ -1,24 +1,18 @@
 """Gather clips into a data set for training, with its card; all clips of a photo are in one split.
 
-The folder layout, which Hugging Face's `videofolder` loads:
+The folder is what Hugging Face's `videofolder` loads:
 
     train/metadata.jsonl               a row per clip: file_name and other metadata
     train/<key>/video.mp4              with clip.json, trajectory.npz and labels, a folder per format
-
-WebDataset shards, which are the same bytes every time:
-
-    train/shard-000000.tar             <key>.mp4 <key>.json <key>.txt <key>.trajectory.npz <key>.<format>.<file> ...
 """
 
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 import re
 import shlex
 import shutil
-import tarfile
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack
@@ -51,18 +45,14 @@ _SPLIT_NAME = re.compile(r"[a-z][a-z0-9_]{0,30}")
 class DatasetOptions:
     """What kind of data set is made."""
 
-    layout: str
-    """`folder` or `webdataset`."""
     splits: Splits
     formats: tuple[str, ...] = ()
     """Labels to include; empty: all that clips have."""
-    shard_clips: int = 1000
 
     def settings(self) -> dict[str, Any]:
         """For `dataset.json`."""
-        settings: dict[str, Any] = {"dataset": 1, "layout": self.layout, "seed": self.splits.seed}
-        settings |= {"splits": dict(self.splits.shares), "formats": list(self.formats)}
-        return settings | ({"shard_clips": self.shard_clips} if self.layout == "webdataset" else {})
+        shares, formats = dict(self.splits.shares), list(self.formats)
+        return {"dataset": 1, "seed": self.splits.seed, "splits": shares, "formats": formats}
 
 
 @dataclass(frozen=True)
@@ -285,7 +275,7 @@ class DatasetSummary:
 
 
 class Folders:
-    """The folder layout."""
+    """Writes the folder of each sample, and the row of each."""
 
     def __init__(self, root: Path, stack: ExitStack) -> None:
         self._root, self._stack = root, stack
@@ -304,49 +294,6 @@ class Folders:
             self._rows[sample.split] = self._stack.enter_context((split / ROWS).open("wb"))
         row = {"file_name": f"{sample.key}/{sample.members[0].name}", **sample.about}
         self._rows[sample.split].write(_json_line(row))
-
-
-class Shards:
-    """WebDataset shards."""
-
-    def __init__(self, root: Path, stack: ExitStack, most_clips: int) -> None:
-        self._root, self._most_clips = root, most_clips
-        stack.callback(self._close)
-        self._open: dict[str, tarfile.TarFile] = {}
-        """The last shard of each split."""
-        self._counts: Counter[str] = Counter()
-        """Samples of each split."""
-
-    def add(self, sample: Sample) -> None:
-        """Adds the sample to the last shard of its split."""
-        split = sample.split
-        number, inside = divmod(self._counts[split], self._most_clips)
-        if inside == 0:
-            if split in self._open:
-                self._open[split].close()
-            path = self._root / split / f"shard-{number:06d}.tar"
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._open[split] = tarfile.open(path, "w", format=tarfile.PAX_FORMAT)  # noqa: SIM115
-        for name, source in _entries(sample):
-            with io.BytesIO(source) if isinstance(source, bytes) else source.open("rb") as file:
-                header = tarfile.TarInfo(name)  # without time and owner
-                header.size = file.seek(0, io.SEEK_END)
-                file.seek(0)
-                self._open[split].addfile(header, file)
-        self._counts[split] += 1
-
-    def _close(self) -> None:
-        for tar in self._open.values():
-            tar.close()
-
-
-def _entries(sample: Sample) -> Iterator[tuple[str, bytes | Path]]:
-    """Name and content; those that most readers use come first."""
-    video, *others = sample.members
-    yield f"{sample.key}.mp4", sample.folder / video.file
-    yield f"{sample.key}.json", _json_line(sample.about)
-    for member in others:
-        yield f"{sample.key}.{member.name.replace('/', '.')}", sample.folder / member.file
 
 
 def _json_line(data: Mapping[str, Any]) -> bytes:
@@ -373,10 +320,9 @@ def gather(
     remove_leftovers_once(out.parent)
     with new_folder(out) as folder:
         with ExitStack() as stack:
-            folders = options.layout == "folder"
-            layout = Folders(folder, stack) if folders else Shards(folder, stack, options.shard_clips)
+            written = Folders(folder, stack)
             for total, sample in enumerate(_samples(roots, options, summary, warn), 1):
-                layout.add(sample)
+                written.add(sample)
                 summary.counts[sample.split].add(sample)
                 summary.formats.update(sample.about["labels"])
                 progress(total)
@@ -384,8 +330,8 @@ def gather(
             fix = "name folders that physgen rendered or exported into"
             found = "holds no clip that can be used"
             raise InputError.of(", ".join(map(str, roots)), "", found, fix)
-        files = sorted(folder.glob(f"*/{ROWS}" if folders else "*/shard-*.tar"))
-        (folder / CARD).write_text(_card(options, summary, command, files), encoding="utf-8")
+        files = sorted(folder.glob(f"*/{ROWS}"))
+        (folder / CARD).write_text(_card(options, summary, command), encoding="utf-8")
         counts = {name: count.as_dict() for name, count in summary.counts.items()}
         content = {**options.settings(), "physgen": __version__, "counts": counts}
         text = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
@@ -427,25 +373,20 @@ def _check_output(out: Path, roots: Sequence[Path]) -> None:
         raise InputError.of(str(out), "", "is not empty", "choose another folder with -o, or remove it")
 
 
-def _card(
-    options: DatasetOptions, summary: DatasetSummary, command: Sequence[str], files: Sequence[Path]
-) -> str:
+def _card(options: DatasetOptions, summary: DatasetSummary, command: Sequence[str]) -> str:
     """README.md with the front matter of the Hugging Face Hub."""
     import jinja2
 
     there = [name for name in options.splits.names if summary.counts[name].clips]
-    shards = Counter(path.parent.name for path in files)
     text = resource("templates", "dataset.md.j2").read_text(encoding="utf-8")
     template = jinja2.Template(text, undefined=jinja2.StrictUndefined, keep_trailing_newline=True)
     card: str = template.render(
-        layout=options.layout,
         counts=summary.counts,
         splits=options.splits,
         formats=sorted(summary.formats),
         total=summary.total,
         there=there,
         size=next((name for most, name in SIZES if summary.total < most), "n>1M"),
-        last=shards[there[0]] - 1,
         command=shlex.join(command),
         version=__version__,
     )

@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from physgen.cli.arguments import WRONG_INPUT, Command, Parser, labels, number_of_clips, seed
+from physgen.cli.arguments import WRONG_INPUT, Command, Parser, labels, seed
 from physgen.cli.output import OK, print_error, print_line, print_problem
 from physgen.problems import Place, Problem, Severity
 
@@ -27,7 +27,7 @@ def dataset(options: argparse.Namespace) -> int:
 
     chosen_formats(options.format, written=False)
     splits = read_splits(options.split, options.seed)
-    chosen = DatasetOptions(options.layout, splits, options.format, options.shard_clips)
+    chosen = DatasetOptions(splits, options.format)
     warnings = 0
 
     def warn(problem: Problem) -> None:
@@ -82,24 +82,18 @@ def add(parser: Parser) -> None:
     about = "folders of rendered or exported clips, at any depth"
     parser.add_argument("folders", metavar="DIR", type=Path, nargs="+", help=about)
     parser.option("-o --output", "DATASET", Path, "folder of the data set", required=True)
-    about = (
-        "folder (the default): a folder for each clip, and metadata.jsonl as Hugging Face's datasets read it; or "
-        "webdataset: shards"
-    )
-    parser.add_argument("--layout", choices=("folder", "webdataset"), default="folder", help=about)
     parser.option("--format", "LIST", labels, "labels to include; default: all that the clips have", ())
     shares = "train=0.8,validation=0.1,test=0.1"
     about = f"shares of the photos: all clips of a photo are in the same split; default: {shares}"
     parser.option("--split", "SHARES", str, about, shares)
     parser.option("--seed", "S", seed, "determines which photo is in which split; default: 0", 0)
-    parser.option("--shard-clips", "N", number_of_clips, "clips in a shard, at most; default: 1000", 1000)
     parser.flag("--json", "print a line of JSON")
 
 
 DATASET = Command(
     "dataset",
-    "Makes a data set for training of rendered clips: a folder, or WebDataset shards; split by photo.",
-    "physgen dataset out sweep -o data --layout webdataset",
+    "Makes a data set for training of rendered clips, as Hugging Face's datasets read it; split by photo.",
+    "physgen dataset out sweep -o data",
     add,
     dataset,
     mixed=True,

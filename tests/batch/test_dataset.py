@@ -1,22 +1,19 @@
-"""`physgen dataset` as a person runs it; what it makes read by tarfile, webdataset and the documented formats."""
+"""`physgen dataset` as a person runs it; what it makes read as Hugging Face documents it."""
 
 from __future__ import annotations
 
-import io
 import json
 import shutil
-import tarfile
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-import webdataset
 import yaml
 
 from physgen.batch.clips import find_clips
-from physgen.batch.dataset import Sample, Shards, Splits, read_splits
+from physgen.batch.dataset import Folders, Sample, Splits, read_splits
 from physgen.cli.main import main
 
 SCENE = """\
@@ -111,57 +108,27 @@ def test_shares_are_kept_in_the_mean() -> None:
     assert sum(splits.of(str(k)) != other.of(str(k)) for k in range(400)) > 50
 
 
-def test_shards_are_read_by_webdataset_and_hold_the_files(made: Path, tmp_path: Path) -> None:
-    out = tmp_path / "shards"
-    assert dataset(made, out, "--layout", "webdataset", "--shard-clips", "2", *HALVES) == 0
-    keys = []
-    for split in ("train", "test"):
-        shards = sorted(str(path) for path in (out / split).glob("shard-*.tar"))
-        for sample in webdataset.WebDataset(shards, shardshuffle=False):
-            about = json.loads(sample["json"])
-            assert about["key"] == sample["__key__"]
-            assert about["split"] == split
-            assert sample["mp4"][4:8] == b"ftyp"
-            with np.load(io.BytesIO(sample["trajectory.npz"])) as file:
-                assert len(file["times"]) == 3
-            source = made / about["clip"].partition("/")[2]
-            inside = source / "truth" if (source / "truth").is_dir() else source
-            if "flo" in about["labels"]:
-                flow = (inside / "flo" / "forward" / "00000.flo").read_bytes()
-                assert sample["flo.forward.00000.flo"] == flow
-                assert json.loads(sample["events.events.json"])["frames"] == about["frames"]
-            keys.append(sample["__key__"])
-    assert len(keys) == len(set(keys)) == 8
-    assert not any("." in key for key in keys)
-    for path in out.glob("*/shard-*.tar"):
-        with tarfile.open(path) as tar:
-            entries = tar.getmembers()
-        assert len({entry.name.partition(".")[0] for entry in entries}) <= 2
-        assert {(entry.mtime, entry.uid, entry.gid, entry.uname) for entry in entries} == {(0, 0, 0, "")}
-
-
 def bytes_of(out: Path) -> dict[str, bytes]:
     return {path.relative_to(out).as_posix(): path.read_bytes() for path in out.rglob("*") if path.is_file()}
 
 
-@pytest.mark.parametrize("layout", ["folder", "webdataset"])
-def test_the_same_clips_give_the_same_bytes(made: Path, tmp_path: Path, layout: str, monkeypatch) -> None:
+def test_the_same_clips_give_the_same_bytes(made: Path, tmp_path: Path, monkeypatch) -> None:
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
         monkeypatch.chdir(tmp_path / name)
-        assert dataset(made, Path("data"), "--layout", layout, "--shard-clips", "2", *HALVES) == 0
+        assert dataset(made, Path("data"), *HALVES) == 0
     assert bytes_of(tmp_path / "a") == bytes_of(tmp_path / "b")
 
 
 def test_an_interrupted_run_leaves_nothing(made: Path, tmp_path: Path, monkeypatch) -> None:
-    add = Shards.add
+    add = Folders.add
 
-    def stopping(self: Shards, sample: Sample) -> None:
+    def stopping(self: Folders, sample: Sample) -> None:
         add(self, sample)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Shards, "add", stopping)
-    assert dataset(made, tmp_path / "data", "--layout", "webdataset", *HALVES) == 130
+    monkeypatch.setattr(Folders, "add", stopping)
+    assert dataset(made, tmp_path / "data", *HALVES) == 130
     assert not list(tmp_path.iterdir())
 
 
@@ -250,7 +217,6 @@ def test_what_cannot_be_is_refused_in_one_line(made: Path, tmp_path: Path, capsy
     assert "is no folder" in refusal(capsys, str(tmp_path / "none"), "-o", str(data))
     assert f"lies in {few}, which is read" in refusal(capsys, few, "-o", f"{few}/data")
     assert "hold the same clips" in refusal(capsys, few, str(made), "-o", str(data))
-    assert "invalid choice: 'zip'" in refusal(capsys, few, "-o", str(data), "--layout", "zip")
     assert "adds up to 0.9" in refusal(capsys, few, "-o", str(data), "--split", "train=0.8,test=0.1")
     assert '"Train" is no split' in refusal(capsys, few, "-o", str(data), "--split", "Train")
     assert 'no format; did you mean "flo"?' in refusal(capsys, few, "-o", str(data), "--format", "flow")
