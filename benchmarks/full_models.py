@@ -14,18 +14,14 @@ import torch
 from diffusers import (
     AnimateDiffVideoToVideoPipeline,
     AutoencoderKL,
-    AutoencoderKLWan,
     DDIMScheduler,
     MotionAdapter,
     UNet2DConditionModel,
-    UniPCMultistepScheduler,
-    WanPipeline,
-    WanTransformer3DModel,
 )
-from transformers import CLIPTextConfig, CLIPTextModel, CLIPTokenizer, T5Config, T5EncoderModel, T5Tokenizer
+from transformers import CLIPTextConfig, CLIPTextModel, CLIPTokenizer
 
 from physgen.perceive.backends.models import device_of, dtype_of
-from physgen.refine.backends import animatediff, wan
+from physgen.refine.backends import animatediff
 from physgen.refine.backends.sampling import Kind, Sampler
 from physgen.registry import Setup
 
@@ -91,14 +87,6 @@ def _clip_text(folder: Path) -> dict[str, Any]:
     return {"text_encoder": CLIPTextModel(config), "tokenizer": tokens}
 
 
-def _t5_text() -> dict[str, Any]:
-    """As wide as the real ones, with one layer of 24: they run once, and would take 10 GB."""
-    pieces = ["<pad>", "</s>", "<unk>", "▁", *LETTERS]
-    size = {"d_model": 4096, "d_kv": 64, "d_ff": 10240, "num_layers": 1, "num_heads": 64}
-    tokens = T5Tokenizer(vocab=[(piece, -1.0) for piece in pieces], extra_ids=0)
-    return {"text_encoder": T5EncoderModel(T5Config(vocab_size=len(pieces), **size)), "tokenizer": tokens}
-
-
 def stable_diffusion(folder: Path, setup: Setup) -> Sampler:
     """Stable Diffusion 1.5 with a motion adapter v1-5-3."""
 
@@ -116,22 +104,7 @@ def stable_diffusion(folder: Path, setup: Setup) -> Sampler:
     return made(animatediff.KIND, animatediff.AnimateDiff, build, folder, setup)
 
 
-def wan_small(folder: Path, setup: Setup) -> Sampler:
-    """Wan 2.1 T2V 1.3B."""
-
-    def build() -> Any:
-        network = WanTransformer3DModel(
-            num_attention_heads=12, attention_head_dim=128, ffn_dim=8960, num_layers=30, text_dim=4096
-        )
-        scheduler = UniPCMultistepScheduler(
-            prediction_type="flow_prediction", use_flow_sigmas=True, flow_shift=3.0
-        )
-        return WanPipeline(transformer=network, vae=AutoencoderKLWan(), scheduler=scheduler, **_t5_text())
-
-    return made(wan.KIND, wan.Wan, build, folder, setup)
-
-
 FULL: Mapping[str, Callable[[Path, Setup], Sampler]] = {
-    "animatediff": stable_diffusion, "wan": wan_small,
+    "animatediff": stable_diffusion,
 }  # fmt: skip
 """A folder for configurations and a setup -> the backend."""

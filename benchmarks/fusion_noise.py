@@ -31,7 +31,7 @@ def ddim() -> tuple[Array, Array]:
 
 
 def flow() -> tuple[Array, Array]:
-    """Straight paths with shift 3, as Wan's."""
+    """Straight paths with shift 3, as flow-matching video models have."""
     s = np.linspace(1, 1e-3, STEPS)
     s = np.append(3 * s / (1 + 2 * s), 0.0)
     return 1 - s, s

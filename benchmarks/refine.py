@@ -2,9 +2,8 @@
 
     python benchmarks/run.py refine                    # tiny models: identities; the cost of all but the network
     python benchmarks/refine.py --full                 # AnimateDiff full-size, random: 512 x 512, 16 frames, 25 steps
-    python benchmarks/refine.py --full wan --frames 49 --size 832x480
     python benchmarks/refine.py --weights animatediff  # real weights, against the studio's truth videos
-    python benchmarks/refine.py --weights wan:PATH --scenes billiards cups --set strength=0.3 --out wan.json
+    python benchmarks/refine.py --weights animatediff:PATHS --scenes billiards cups --set strength=0.3 --out out.json
 
 `--full` needs no weights and no disk: networks of the published sizes are filled with random numbers where they run, so
 that figures tell of speed and memory alone; the text encoder is a small one. `--weights` is the measure of quality:
@@ -38,7 +37,6 @@ from physgen.render.staging import matte_stage
 ROOT = Path(__file__).resolve().parent.parent
 HOW = RefineSettings(0.5, 5, 50, 0, PromptSettings("billiard ball", "", None), lock=0.0, detail=1.0, hold=0)
 """Of the paper: 25 of 50 steps, 20 fused."""
-TINY = {"animatediff": "animatediff", "wan": "wan"}
 F32 = np.ndarray
 
 
@@ -63,7 +61,7 @@ def clip(count: int, size: tuple[int, int]) -> tuple[list[np.ndarray], list[np.n
 class Idle:
     """Latents as Stable Diffusion's of 512 x 512 px, and a network that costs nothing: what is left is ours."""
 
-    grid = Grid(cell=8, side=64, area=512 * 512, stride=1, window=16)
+    grid = Grid(cell=8, side=64, area=512 * 512, window=16)
 
     def begin(self, frames: Any, said: PromptSettings, steps: int, count: int) -> F32:
         height, width = frames[0].shape[:2]
@@ -73,7 +71,7 @@ class Idle:
     def noised(self, latents: F32, noise: F32, k: int) -> F32:
         return latents + np.float32(1 - k / self._count) * noise
 
-    def predict(self, latents: F32, k: int, first: int) -> F32:
+    def predict(self, latents: F32, k: int) -> F32:
         return latents
 
     def stepped(self, prediction: F32, latents: F32, k: int) -> F32:
@@ -95,12 +93,12 @@ def refining(folder: Path) -> list[dict]:
     sys.path.insert(0, str(ROOT))
     import torch
 
-    from tests.contract.tiny_video import VARIANTS
+    from tests.contract.tiny_video import MODELS
 
     torch.set_num_threads(1)
     rows = []
-    for name, variant in TINY.items():
-        model = registry.make("refine", name, Setup(str(VARIANTS[variant][1](folder / variant)), "cpu"))
+    for (_, name), build in MODELS.items():
+        model = registry.make("refine", name, Setup(build(folder / name), "cpu"))
         size, count = (61, 43), 13
         frames, coverage = clip(count, size)
         whole = [np.ones_like(cover) for cover in coverage]
@@ -253,9 +251,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     what = parser.add_mutually_exclusive_group(required=True)
-    what.add_argument(
-        "--full", nargs="*", metavar="NAME", help="full-size random models; default: animatediff"
-    )
+    what.add_argument("--full", action="store_true", help="a full-size random model")
     what.add_argument("--weights", metavar="NAME[:WEIGHTS]", help="as --refine of physgen render")
     parser.add_argument("--frames", type=int, default=16)
     parser.add_argument("--size", type=pair(int, "x"), default=(512, 512), metavar="WxH")
@@ -271,11 +267,9 @@ def main() -> None:
     if options.weights:
         rows = quality(options.weights, options.scenes, changed, options.device, options.dtype)
     else:
-        rows = []
-        for name in options.full or ["animatediff"]:
-            how = replace(HOW, **changed)
-            rows.append(full(name, options.size, options.frames, how, options.device, options.dtype))
-            print(json.dumps(rows[-1]), flush=True)
+        how = replace(HOW, **changed)
+        rows = [full("animatediff", options.size, options.frames, how, options.device, options.dtype)]
+        print(json.dumps(rows[-1]), flush=True)
     if options.out:
         options.out.write_text(json.dumps({"rows": rows}, indent=1) + "\n")
 

@@ -177,7 +177,7 @@ def _not_installed(row: Backend) -> Problem | None:
     return Problem(FLAG, "", found, f"needs {', '.join(missing)}, which {verb} not installed", fix)
 
 
-REMOVED = {"sam3": "grounding-dino+sam", "depth-anything": "marigold", "best": "models"}
+REMOVED = {"sam3": "grounding-dino+sam", "depth-anything": "marigold", "wan": "animatediff", "best": "models"}
 """Names of former versions, and what does the same."""
 
 

@@ -23,10 +23,8 @@ class Grid:
     """px: sides of frames are multiples of it."""
     area: int
     """px of the frames that the model was trained on; larger ones are refined at that size."""
-    stride: int
-    """Frames that a latent frame stands for; the first always stands for the first frame alone where it is over 1."""
     window: int
-    """Latent frames that the model sees at a time, at most."""
+    """Frames that the model sees at a time, at most."""
 
 
 @dataclass(frozen=True)
@@ -44,16 +42,16 @@ class PromptSettings:
 class Denoiser(Protocol):
     """A latent video diffusion model with its schedule of noise, and nothing of how it is used.
 
-    Latents are (F', C, h, w) float32, scaled as the model wants them. MemoryError is raised where the device holds too
-    little.
+    Latents are (F, C, h, w) float32, one of each frame, scaled as the model wants them. MemoryError is raised where
+    the device holds too little.
     """
 
     grid: Grid
 
     def begin(self, frames: Sequence[U8], prompt: PromptSettings, steps: int, count: int) -> F32:
-        """Latents of `frames` (F of (H, W, 3) sRGB), F and sizes as the grid wants them: the mean, not a draw.
+        """Latents of `frames` (F of (H, W, 3) sRGB), sizes as the grid wants them: the mean, not a draw.
 
-        Of a schedule of `steps`, the last `count` run. Frames are kept for models that want to be shown the first.
+        Of a schedule of `steps`, the last `count` run.
         """
         ...
 
@@ -61,8 +59,8 @@ class Denoiser(Protocol):
         """Latents at the level of noise that step `k` of those that run starts from; themselves at k = count."""
         ...
 
-    def predict(self, latents: F32, k: int, first: int) -> F32:
-        """What the model says in step `k` of a window of latents that begins with latent frame `first`."""
+    def predict(self, latents: F32, k: int) -> F32:
+        """What the model says in step `k` of a window of latents."""
         ...
 
     def stepped(self, prediction: F32, latents: F32, k: int) -> F32:

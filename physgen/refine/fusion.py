@@ -42,11 +42,7 @@ from physgen.refine.latents import (
     blend_predictions,
     cell_coverage,
     fit_to_grid,
-    frames_held,
     hold_weights,
-    latent_frames,
-    over_time,
-    pad_frames,
     window_spans,
 )
 from physgen.registry import describe_error
@@ -220,9 +216,8 @@ class Refinement:
             weight,
         )
         self._fit = fit_to_grid(size, model.grid)
-        self._latents = latent_frames(count, model.grid)
         window = model.grid.window
-        self._windows = window_spans(self._latents, window, window // 2)
+        self._windows = window_spans(count, window, window // 2)
 
     def frames(self, guidance: Sequence[U8], coverage: Sequence[F32]) -> Iterator[U8]:
         """(H, W, 3) sRGB each. `guidance`: (H, W, 3) sRGB; `coverage`: (H, W) of objects, 0..1.
@@ -236,17 +231,16 @@ class Refinement:
 
     def _frames(self, guidance: Sequence[U8], coverage: Sequence[F32]) -> Iterator[U8]:
         model, how, fit, grid = self._model, self._how, self._fit, self._model.grid
-        whole = frames_held(self._latents, grid)
-        shown = pad_frames([fit.shown(rgb) for rgb in guidance], whole)
+        shown = [fit.shown(rgb) for rgb in guidance]
         self._progress("refine", 0, how.count)
         z0 = model.begin(shown, how.prompt, how.steps, how.count)
         del shown
-        mask = cell_coverage(map(fit.mask, coverage), self._latents, grid)
-        stay = hold_weights(whole, how.hold)
+        mask = cell_coverage(map(fit.mask, coverage), grid)
+        stay = hold_weights(self._count, how.hold)
         noise = np.random.default_rng(how.seed).standard_normal(z0.shape, np.float32)
 
         def denoised(z: F32, k: int) -> F32:
-            predicted = blend_predictions(lambda part, first: model.predict(part, k, first), z, self._windows)
+            predicted = blend_predictions(lambda part: model.predict(part, k), z, self._windows)
             self._progress("refine", k + 1, how.count)
             return model.stepped(predicted, z, k)
 
@@ -258,14 +252,12 @@ class Refinement:
             count=how.count,
             stop=how.stop,
             weight=self._weight,
-            held=each_step(over_time(stay, grid), how.count)[:, None, None, None],
+            held=each_step(stay, how.count)[:, None, None, None],
         )
         if not np.isfinite(z).all():
             fix = 'write dtype = "float32" in physgen.toml'
             raise InputError.of("refine", str(model.note().get("dtype", "")), "leaves no finite picture", fix)
         for index, (refined, guided) in enumerate(_paired(model.decode(z), model.decode(z0))):
-            if index >= self._count:
-                return
             yield restore_detail(
                 guidance[index],
                 fit.back(refined),
@@ -278,7 +270,7 @@ class Refinement:
 
     def _too_large(self) -> Problem:
         width, height = self._fit.padded
-        found = f"{self._latents} latent frames of {width} x {height} px"
+        found = f"{self._count} frames of {width} x {height} px"
         fix = "write a smaller resolution in the backend's section of physgen.toml, or refine fewer frames"
         return Problem(Place("refine"), "", found, "do not fit into the memory of the device", fix)
 

@@ -480,8 +480,7 @@ class _Rules:
             return
         known = registry.names("refine")
         if backend.value not in known:
-            close = nearest(str(backend.value), known)
-            fix = (f"did you mean {close}? " if close else "") + f"choose {listed(known)}"
+            fix = registry.suggestion(str(backend.value), known)
             self.findings.value(backend, ("refine", "backend"), "is no backend that refines", fix)
         steps, strength = (
             parts[key].value if key in parts else at(f"refine.{key}")["default"]

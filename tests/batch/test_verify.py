@@ -247,7 +247,7 @@ def test_a_clip_that_was_refined_is_compared_as_it_was_drawn(desk: Path) -> None
     digest = hashlib.sha256((folder / "unrefined.mp4").read_bytes()).hexdigest()
 
     def refined(told: dict[str, Any]) -> None:
-        told.update(refine={"backend": "wan"}, unrefined=told["frames"], frames=["0" * 64] * 12)
+        told.update(refine={"backend": "animatediff"}, unrefined=told["frames"], frames=["0" * 64] * 12)
         told.update(files={"unrefined.mp4": digest})
 
     rewrite(desk, refined)

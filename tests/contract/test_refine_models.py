@@ -28,10 +28,9 @@ from physgen.refine.denoiser import Denoiser, PromptSettings
 from physgen.refine.fusion import Refinement, RefineSettings
 from physgen.registry import Setup
 from tests.contract.tiny_maps import Trap
-from tests.contract.tiny_video import VARIANTS, animatediff, wan
+from tests.contract.tiny_video import animatediff
 
-ROWS = {"animatediff": "animatediff", "wan": "wan"}
-"""A kind of weights for each backend."""
+NAME = "animatediff"
 SIZE = 37, 23
 HOW = RefineSettings(0.5, 1, 4, 0, PromptSettings("a red ball", "blur", 3.0), lock=0.0, detail=1.0, hold=0)
 Video = Callable[..., Any]
@@ -70,10 +69,9 @@ def change(made: np.ndarray, size=SIZE) -> np.ndarray:
 
 
 @pytest.mark.parametrize("count", [1, 2, 7])
-@pytest.mark.parametrize("variant", VARIANTS)
-def test_all_objects_and_no_weight_give_the_guidance_to_the_byte(variant: str, count: int, video: Video):
+def test_all_objects_and_no_weight_give_the_guidance_to_the_byte(count: int, video: Video):
     """Odd sizes and counts, which no model takes, come back as they were."""
-    model = video(variant)
+    model = video()
     made = refined(model, replace(HOW, stop=0), count, covers=1.0, weight=lambda k, n: 0.0)
     assert np.array_equal(made, clip(count)[0])
 
@@ -96,20 +94,16 @@ def apart(monkeypatch: pytest.MonkeyPatch) -> Callable[..., np.ndarray]:
     return distance
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
-def test_the_first_frame_is_the_photo_and_the_next_ones_leave_it_step_by_step(
-    variant: str, video: Video, apart
-):
-    far = apart(video(variant), replace(HOW, hold=6))
+def test_the_first_frame_is_the_photo_and_the_next_ones_leave_it_step_by_step(video: Video, apart):
+    far = apart(video(), replace(HOW, hold=6))
     assert far[0] == 0
     assert far.max() > 0.1
     assert np.diff(far).max() < 0.7 * far.max()
 
 
-@pytest.mark.parametrize("variant", ROWS.values())
-def test_words_are_heard_as_much_as_is_said(variant: str, video: Video):
+def test_words_are_heard_as_much_as_is_said(video: Video):
     """Classifier-free guidance is linear in its scale, and at 1 there is nothing to be guided from."""
-    model, frames = video(variant), clip(5, (32, 32))[0]
+    model, frames = video(), clip(5, (32, 32))[0]
     said, passes = {}, []
 
     def counted(real: Callable[..., Any], scale: float, *told: Any) -> Any:
@@ -120,7 +114,7 @@ def test_words_are_heard_as_much_as_is_said(variant: str, video: Video):
         z = model.begin(frames, PromptSettings("a red ball", "blur", scale), 4, 2)
         network = model._network
         network.predict = partial(counted, network.predict, scale)
-        said[scale] = model.predict(model.noised(z, np.ones_like(z), 0), 0, 0)
+        said[scale] = model.predict(model.noised(z, np.ones_like(z), 0), 0)
         del network.predict
     assert [passes.count(scale) for scale in said] == [1, 2, 2]
     step = said[2.0] - said[1.0]
@@ -131,69 +125,39 @@ def test_words_are_heard_as_much_as_is_said(variant: str, video: Video):
 # ---- windows -----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("variant", "window", "latents"),
-    [("animatediff", 8, 8), ("wan", 9, 3), ("wan-looks", 9, 3)],
-)
-def test_a_long_clip_is_seen_in_windows(variant: str, window: int, latents: int, video: Video):
-    model = video(variant, window=window)
-    seen, begun = [], []
+def test_a_long_clip_is_seen_in_windows(video: Video):
+    model, seen = video(window=8), []
     frames, coverage = clip(21)
     run = Refinement(model, HOW, SIZE, 21)
     model.begin(frames[:1] * 5, HOW.prompt, 4, 2)  # so that it is loaded
-    network, predict, shown = model._network, model._network.predict, model._network.shown
+    network, predict = model._network, model._network.predict
     network.predict = lambda z, *told: seen.append(len(z)) or predict(z, *told)
-    network.shown = lambda frame, many: begun.append((frame.numpy(), many)) or shown(frame, many)
     made = np.stack(list(run.frames(frames, coverage)))
-    del network.predict, network.shown
-    windows = run.note()["windows"]
-    assert set(seen) == {latents}
-    assert len(windows) > 1
-    assert len(begun) == len(windows)  # each window is told of its first frame once, whatever the steps
-    stride = model.grid.stride
-    for (frame, many), (first, last) in zip(begun, windows, strict=True):
-        assert many == last - first == latents
-        at = first if stride == 1 or not first else 1 + (first - 1) * stride
-        there = ((frame[:, :23, :37] + 1) * 127.5).round().astype(np.uint8).transpose(1, 2, 0)
-        assert np.array_equal(there, frames[at])
+    del network.predict
+    assert set(seen) == {8}
+    assert len(run.note()["windows"]) > 1
     still = refined(model, replace(HOW, stop=0), 21, covers=1.0, weight=lambda k, n: 0.0)
     assert np.array_equal(still, frames)
     far = change(made)
     assert np.abs(np.diff(far)).max() < far.max()
 
 
-@pytest.mark.parametrize("variant", ["wan-looks", "wan-looks-experts"])
-def test_a_first_frame_that_is_shown_is_seen(variant: str, video: Video):
-    model, frames = video(variant), clip(13, (32, 32))[0]
-    other = [np.full_like(frames[0], 200), *frames[1:]]
-    z = model.begin(frames, PromptSettings("", "", 1.0), 4, 2)
-    one = model.predict(z, 0, 0)
-    model.begin(other, PromptSettings("", "", 1.0), 4, 2)
-    assert np.abs(one - model.predict(z, 0, 0)).max() > 1e-4
-    model.begin([frames[0], *other[1:]], PromptSettings("", "", 1.0), 4, 2)
-    assert np.allclose(one, model.predict(z, 0, 0))
-
-
 # ---- numbers and memory ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("variant", ROWS.values())
-def test_half_the_digits(variant: str, video: Video):
-    model, whole = video(variant, "bfloat16"), video(variant)
+def test_half_the_digits(video: Video):
+    model, whole = video("bfloat16"), video()
     made = refined(model, count=2)
     assert model.note()["dtype"] == "bfloat16"
     network = model._network.pipe
     assert network.vae.dtype == torch.float32  # what is shown are differences of what it decodes
-    assert (network.unet if variant == "animatediff" else network.transformer).dtype == torch.bfloat16
+    assert network.unet.dtype == torch.bfloat16
     assert np.abs(made.astype(int) - refined(whole, count=2)).mean() < 0.5 * change(made).mean()
 
 
-@pytest.mark.parametrize(
-    ("variant", "kind"),
-    [("animatediff", "device"), ("wan", "processor")],
-)
-def test_memory_that_does_not_suffice_is_reported(variant: str, kind: str, video: Video):
-    model, size = video(variant), (64, 64) if variant == "wan" else (32, 32)
+@pytest.mark.parametrize("kind", ["device", "processor"])
+def test_memory_that_does_not_suffice_is_reported(kind: str, video: Video):
+    model, size = video(), (32, 32)
     side = size[0] * 3 // 4
     model.begin(clip(1, size)[0], HOW.prompt, 4, 2)
     real = model._network.predict
@@ -215,9 +179,8 @@ def test_memory_that_does_not_suffice_is_reported(variant: str, kind: str, video
     assert refined(model, size=size).shape[0] == 7  # and nothing is broken
 
 
-@pytest.mark.parametrize("name", ROWS)
-def test_a_closed_model_is_gone_and_comes_back(name: str, tiny: Any):
-    model = registry.make("refine", name, tiny.setup("refine", name))
+def test_a_closed_model_is_gone_and_comes_back(tiny: Any):
+    model = registry.make("refine", NAME, tiny.setup("refine", NAME))
     first = refined(model, count=2)
     gone = weakref.ref(model._network.pipe.vae)
     model.close()
@@ -227,8 +190,7 @@ def test_a_closed_model_is_gone_and_comes_back(name: str, tiny: Any):
     assert np.abs(first.astype(int) - refined(model, count=2)).max() <= 1
 
 
-@pytest.mark.parametrize("variant", ["animatediff", "wan-looks"])
-def test_parts_that_come_and_go_do_the_same(variant: str, video: Video, monkeypatch: pytest.MonkeyPatch):
+def test_parts_that_come_and_go_do_the_same(video: Video, monkeypatch: pytest.MonkeyPatch):
     """The processor stands for the GPU: the same hooks bring each part when it is called."""
 
     def in_parts(pipe: Any, device: str) -> str:
@@ -237,13 +199,13 @@ def test_parts_that_come_and_go_do_the_same(variant: str, video: Video, monkeypa
 
     with monkeypatch.context() as patch:
         patch.setattr(sampling, "place_pipeline", in_parts)
-        model = video(variant)
+        model = video()
         model.close()  # other tests share it
         made = refined(model, count=5)
         assert model.note()["offload"] == "model"
         assert {type(hook).__name__ for hook in model._network.pipe._all_hooks} == {"UserCpuOffloadHook"}
         model.close()
-    assert np.abs(made.astype(int) - refined(video(variant), count=5)).max() <= 1
+    assert np.abs(made.astype(int) - refined(video(), count=5)).max() <= 1
 
 
 def test_what_fills_the_gpu_is_brought_in_parts(monkeypatch: pytest.MonkeyPatch):
@@ -270,7 +232,7 @@ def test_what_fills_the_gpu_is_brought_in_parts(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_a_resolution_is_shown_and_the_full_size_comes_back(video: Video):
-    model = video("animatediff", resolution=16)
+    model = video(resolution=16)
     run = Refinement(model, HOW, SIZE, 2)
     made = list(run.frames(*clip(2)))
     assert run.note()["size"] == [20, 13]  # 16 x 16 px, in the photo's shape
@@ -281,106 +243,100 @@ def test_a_resolution_is_shown_and_the_full_size_comes_back(video: Video):
 
 
 def test_a_resolution_that_no_model_takes_is_told(video: Video):
-    with pytest.raises(InputError, match=r"wan.resolution: 8 is less than the minimum of 16; leave it out"):
-        video("wan", resolution=8)
+    with pytest.raises(
+        InputError, match=r"animatediff.resolution: 8 is less than the minimum of 16; leave it out"
+    ):
+        video(resolution=8)
 
 
 # ---- weights -----------------------------------------------------------------------------------------------------
 
 
-def made(name: str, weights: str) -> Any:
-    return registry.make("refine", name, Setup(weights, "cpu"))
+def made(weights: str) -> Any:
+    return registry.make("refine", NAME, Setup(weights, "cpu"))
 
 
-@pytest.mark.parametrize("name", ROWS)
-def test_missing_weights_are_named_before_any_work(name: str):
-    own = [weights.id for weights in registry.find("refine", name).weights]
+def test_missing_weights_are_named_before_any_work():
+    own = [weights.id for weights in registry.find("refine", NAME).weights]
     others = [f"nobody/no-{k}" for k in range(len(own))]
     for said, ids in ((",".join(others), others), ("", own)):
         with pytest.raises(InputError) as caught:
-            made(name, said)
+            made(said)
         told = {str(problem): problem.fix for problem in caught.value.problems}
         assert len(told) == len(ids)  # all that is missing, at once
         for id_ in ids:
             (fix,) = [fix for text, fix in told.items() if f'--refine: "{id_}" holds the weights of' in text]
             assert fix == f"run hf download {id_}, or write NAME:PATH"
     with pytest.raises(InputError, match=r'--refine: "no/such/folder" is not there: the weights of'):
-        made(name, "no/such/folder")
+        made("no/such/folder")
 
 
-@pytest.mark.parametrize("name", ROWS)
-def test_a_folder_of_something_else_is_refused(name: str, tmp_path: Path):
+def test_a_folder_of_something_else_is_refused(tmp_path: Path):
     (tmp_path / "notes.txt").write_text("no weights")
-    count = len(registry.find("refine", name).weights)
+    count = len(registry.find("refine", NAME).weights)
     with pytest.raises(InputError, match=r'--refine: ".*" does not load as .*; fetch it again'):
-        made(name, ",".join([str(tmp_path)] * count))
+        made(",".join([str(tmp_path)] * count))
 
 
 def test_weights_of_another_model_are_refused_with_whose_they_are(tmp_path: Path):
-    wans, two = wan(tmp_path / "wan"), animatediff(tmp_path / "two")
+    two = animatediff(tmp_path / "two")
     adapter, base = two.split(",")
-    for name, said, message in (
-        ("wan", base, r"is a StableDiffusionPipeline: not for Wan; name weights of a WanPipeline"),
-        (
-            "animatediff",
-            f"{adapter},{wans}",
-            r"is a WanPipeline that the adapter does not fit; name weights of",
-        ),
-        (
-            "animatediff",
-            f"{base}/unet,{base}",
-            r"is a UNet2DConditionModel: no motion adapter; name a motion",
-        ),
-        ("animatediff", f"{two},{base}", r"names 3 weights for animatediff; write at most 2"),
+    index = json.loads((Path(base) / "model_index.json").read_text())
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "model_index.json").write_text(
+        json.dumps(index | {"unet": [None, None], "_class_name": "WanPipeline"})
+    )
+    for said, message in (
+        (f"{adapter},{other}", r"is a WanPipeline that the adapter does not fit; name weights of"),
+        (f"{base}/unet,{base}", r"is a UNet2DConditionModel: no motion adapter; name a motion"),
+        (f"{two},{base}", r"names 3 weights for animatediff; write at most 2"),
     ):
         with pytest.raises(InputError, match=message):
-            made(name, said)
+            made(said)
     narrow = json.loads((Path(adapter) / "config.json").read_text()) | {"block_out_channels": [16, 64]}
     (Path(adapter) / "config.json").write_text(json.dumps(narrow))
     with pytest.raises(InputError, match=r"is a StableDiffusionPipeline that the adapter does not fit"):
-        made("animatediff", two)
-
-
-def test_weights_that_want_what_is_not_given_are_refused(tmp_path: Path):
-    with pytest.raises(InputError, match=r"gives every frame a noise of its own .*; name Wan 2.1, or"):
-        made("wan", wan(tmp_path / "wan", ti2v=True))
+        made(two)
 
 
 def test_broken_weights_are_told_when_they_are_read(tmp_path: Path):
-    folder = Path(wan(tmp_path / "wan"))
-    (folder / "transformer/diffusion_pytorch_model.safetensors").write_bytes(b"no numbers")
-    model = made("wan", str(folder))
-    with pytest.raises(InputError, match=r'--refine: ".*" does not load as Wan .*; fetch it again'):
+    two = animatediff(tmp_path)
+    (tmp_path / "base/unet/diffusion_pytorch_model.safetensors").write_bytes(b"no numbers")
+    model = made(two)
+    with pytest.raises(InputError, match=r'--refine: ".*" does not load as AnimateDiff .*; fetch it again'):
         refined(model)
 
 
 def test_pickled_weights_are_not_opened(tmp_path: Path):
-    folder = Path(wan(tmp_path / "wan"))
-    (folder / "vae/diffusion_pytorch_model.safetensors").unlink()
-    (folder / "vae/diffusion_pytorch_model.bin").write_bytes(pickle.dumps(Trap(str(tmp_path / "ran"))))
+    two = animatediff(tmp_path)
+    (tmp_path / "base/vae/diffusion_pytorch_model.safetensors").unlink()
+    trap = pickle.dumps(Trap(str(tmp_path / "ran")))
+    (tmp_path / "base/vae/diffusion_pytorch_model.bin").write_bytes(trap)
     with pytest.raises(InputError, match="safetensors"):
-        refined(made("wan", str(folder)))
+        refined(made(two))
     assert not (tmp_path / "ran").exists()
 
 
 def test_the_record_tells_which_weights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    here = Path(wan(tmp_path / "wan"))
-    model = made("wan", str(here))
+    two = animatediff(tmp_path / "two")
+    model = made(two)
     refined(model, count=1)
     note = model.note()
     assert note.items() >= {
-        "weights": str(here), "device": "cpu", "dtype": "float32", "scheduler": "FlowMatchEulerDiscreteScheduler",
+        "weights": two, "device": "cpu", "dtype": "float32", "scheduler": "DDIMScheduler",
         "guidance": 3.0, "offload": "none", "tiling": False, "torch": torch.__version__,
     }.items()  # fmt: skip
     json.dumps(note)
     # from the hub's cache: the commit
-    home = tmp_path / "hub/models--some--wan"
-    shutil.copytree(here, home / "snapshots/5af5c01")
+    adapter, base = two.split(",")
+    home = tmp_path / "hub/models--some--base"
+    shutil.copytree(base, home / "snapshots/5af5c01")
     (home / "refs").mkdir()
     (home / "refs/main").write_text("5af5c01")
     from huggingface_hub import constants
 
     monkeypatch.setattr(constants, "HF_HUB_CACHE", str(tmp_path / "hub"))
-    cached = made("wan", "some/wan")
-    assert cached.note()["revision"] == "5af5c01"
+    cached = made(f"{adapter},some/base")
+    assert cached.note()["revision"] == ",5af5c01"
     assert cached.grid == model.grid

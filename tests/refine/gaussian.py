@@ -19,7 +19,7 @@ from physgen.refine.denoiser import Grid, PromptSettings
 from physgen.registry import Setup
 
 Array = NDArray[np.float64]
-SMALL = Grid(cell=4, side=8, area=10**9, stride=1, window=64)
+SMALL = Grid(cell=4, side=8, area=10**9, window=64)
 
 
 def ddim(steps: int) -> tuple[Array, Array]:
@@ -51,29 +51,21 @@ class Gaussian:
         """`most`: latent cells that a device holds."""
         self.grid, self._schedule, self.mean, self.spread, self._most = grid, schedule, mean, spread, most
         self.a = self.b = np.zeros(0)
-        self.seen: list[tuple[int, int]] = []
-        """First frame and length of every window that was predicted."""
+        self.seen: list[int] = []
+        """Length of every window that was predicted."""
         self.said: PromptSettings | None = None
         self.closed = False
 
     def begin(
         self, frames: Sequence[NDArray[np.uint8]], said: PromptSettings, steps: int, count: int
     ) -> NDArray[np.float32]:
-        """Means over cells, and over the frames of a latent."""
+        """Means over cells."""
         height, width = frames[0].shape[:2]
         assert height % self.grid.side == width % self.grid.side == 0
         self._room(len(frames) * height * width // self.grid.cell**2)
         a, b = self._schedule(steps)
         self.a, self.b, self.said = a[-count - 1 :], b[-count - 1 :], said
-        z = np.stack([self.encoded(frame) for frame in frames])
-        if self.grid.stride > 1:
-            z = np.stack(
-                [
-                    z[0],
-                    *(z[k : k + self.grid.stride].mean(axis=0) for k in range(1, len(z), self.grid.stride)),
-                ]
-            )
-        return z
+        return np.stack([self.encoded(frame) for frame in frames])
 
     def encoded(self, frame: NDArray[np.uint8]) -> NDArray[np.float32]:
         """(H, W, 3) -> (3, h, w)."""
@@ -89,9 +81,9 @@ class Gaussian:
         a, b, v = self.a[k], self.b[k], self.spread**2
         return self.mean + a * v / (a * a * v + b * b) * (latents - a * self.mean)
 
-    def predict(self, latents: NDArray[np.float32], k: int, first: int) -> NDArray[np.float32]:
+    def predict(self, latents: NDArray[np.float32], k: int) -> NDArray[np.float32]:
         """The noise, as DDIM's models say."""
-        self.seen.append((first, len(latents)))
+        self.seen.append(len(latents))
         assert len(latents) <= self.grid.window
         return np.asarray((latents - self.a[k] * self.expected(latents, k)) / self.b[k], np.float32)
 
@@ -104,13 +96,8 @@ class Gaussian:
 
     def decode(self, latents: NDArray[np.float32]) -> Iterator[NDArray[np.float32]]:
         """Cells as squares of one colour, two latents at a time."""
-        frames = [latents[:1], *np.repeat(latents[1:], self.grid.stride, axis=0)[:, None]]
-        for k in range(0, len(frames), 2):
-            z = (
-                np.concatenate(frames[k : k + 2])
-                .repeat(self.grid.cell, axis=2)
-                .repeat(self.grid.cell, axis=3)
-            )
+        for k in range(0, len(latents), 2):
+            z = latents[k : k + 2].repeat(self.grid.cell, axis=2).repeat(self.grid.cell, axis=3)
             yield np.asarray((z.transpose(0, 2, 3, 1) + 1) / 2, np.float32)
 
     def _room(self, cells: int) -> None:
@@ -130,9 +117,9 @@ class Straight(Gaussian):
     def __init__(self, grid: Grid = SMALL, mean: float = 0.0, spread: float = 0.5) -> None:
         super().__init__(grid, flow, mean, spread)
 
-    def predict(self, latents: NDArray[np.float32], k: int, first: int) -> NDArray[np.float32]:
+    def predict(self, latents: NDArray[np.float32], k: int) -> NDArray[np.float32]:
         """e - z0."""
-        self.seen.append((first, len(latents)))
+        self.seen.append(len(latents))
         z0 = self.expected(latents, k)
         return np.asarray((latents - self.a[k] * z0) / self.b[k] - z0, np.float32)
 

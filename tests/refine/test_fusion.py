@@ -34,7 +34,7 @@ def refined(exact: Gaussian, guidance, mask, noise, *, count: int = COUNT, stop:
         guidance,
         mask,
         noised=lambda z, k: exact.noised(z, noise, k),
-        denoised=lambda z, k: exact.stepped(exact.predict(z, k, 0), z, k),
+        denoised=lambda z, k: exact.stepped(exact.predict(z, k), z, k),
         count=count,
         stop=stop,
         **more,
@@ -117,7 +117,7 @@ def measured(fresh: bool, mask: float, spread: float, draws: int = 200_000) -> f
         guidance,
         mask,
         noised=lambda z, k: exact.noised(z, noise(), k),
-        denoised=lambda z, k: exact.stepped(exact.predict(z, k, 0), z, k),
+        denoised=lambda z, k: exact.stepped(exact.predict(z, k), z, k),
         count=COUNT,
         stop=STOP,
     )

@@ -29,9 +29,9 @@ def test_all_is_covered_with_what_is_shared(window: int, extra: int, overlap: in
 def test_shares_sum_to_one_and_a_model_that_looks_at_cells_says_the_same(total, window, overlap) -> None:
     windows = window_spans(total, window, overlap)
     z = np.random.default_rng(total).standard_normal((total, 2, 3, 1)).astype(np.float32)
-    ones = blend_predictions(lambda part, first: np.ones_like(part), z, windows)
+    ones = blend_predictions(lambda part: np.ones_like(part), z, windows)
     assert np.abs(ones - 1).max() < 1e-6
-    linear = blend_predictions(lambda part, first: 3 * part - 1, z, windows)
+    linear = blend_predictions(lambda part: 3 * part - 1, z, windows)
     assert np.abs(linear - (3 * z - 1)).max() < 5e-6
 
 
@@ -47,7 +47,7 @@ def test_no_joint_shows_where_windows_disagree(total: int, window: int) -> None:
     windows = window_spans(total, window, window // 2)
     rng = np.random.default_rng(1)
     z = np.zeros((total, 1, 1, 2000), np.float32)
-    out = blend_predictions(lambda part, first: part + rng.standard_normal(2000, np.float32), z, windows)
+    out = blend_predictions(lambda part: part + rng.standard_normal(2000, np.float32), z, windows)
     change = np.sqrt(np.mean(np.diff(out[:, 0, 0], axis=0) ** 2, axis=1))
     borders = {at - 1 for first, last in windows for at in (first, last) if 0 < at < total}
     inside = [change[k] for k in range(total - 1) if k not in borders]

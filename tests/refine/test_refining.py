@@ -14,11 +14,10 @@ from physgen.refine.denoiser import Denoiser, Grid, PromptSettings
 from physgen.refine.fusion import Refinement, RefineSettings, prompt_of
 
 HOW = RefineSettings(0.5, 5, 50, 0, PromptSettings("balls", "", None), lock=0.0, detail=1.0, hold=0)
-PLAIN = Grid(4, 8, 10**9, 1, 64)
+PLAIN = Grid(4, 8, 10**9, 64)
 GRIDS = {
     "plain": PLAIN,
     "windows": replace(PLAIN, window=6),
-    "stride": Grid(4, 16, 10**9, 4, 64),
     "small": replace(PLAIN, area=700),
 }
 
@@ -75,8 +74,8 @@ def test_the_first_frame_is_kept_and_what_follows_leaves_it_slowly(grid: Grid) -
 class Broken(Gaussian):
     """Half precision that overflows."""
 
-    def predict(self, latents, k, first):
-        return super().predict(latents, k, first) * np.float32(np.nan)
+    def predict(self, latents, k):
+        return super().predict(latents, k) * np.float32(np.nan)
 
 
 def test_a_model_that_overflows_is_told_of() -> None:

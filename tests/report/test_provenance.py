@@ -15,7 +15,7 @@ from physgen.report.record import RunRecord
 def record() -> RunRecord:
     made = RunRecord(scene="lesson", command=["physgen", "render", "a b.yaml", "--set", "x=<i>"])
     made.inputs, made.seeds, made.frames = {"<b>.yaml": "ab" * 32}, {"refine": 7}, ["x", "y"]
-    made.overrides, made.refine = ["x=<i>", "y=2"], {"backend": "wan"}
+    made.overrides, made.refine = ["x=<i>", "y=2"], {"backend": "animatediff"}
     return made
 
 
@@ -57,9 +57,10 @@ def test_the_command_is_of_this_clip_alone() -> None:
         "physgen render b.yaml --variant fast --set world.duration=1 --fan=8 --fan-seed=0"
     )
     options = RenderOptions(
-        overrides=("refine.backend=wan", "a=1"), models=("--refine=wan:/weights", "--config=my.toml")
+        overrides=("refine.backend=animatediff", "a=1"),
+        models=("--refine=animatediff:/weights", "--config=my.toml"),
     )
     assert command_alone("b.yaml", options) == [
-        *("physgen", "render", "b.yaml", "--set", "a=1", "--refine=wan:/weights", "--config=my.toml")
+        *("physgen", "render", "b.yaml", "--set", "a=1", "--refine=animatediff:/weights", "--config=my.toml")
     ]
     assert found["run"] == "physgen render a.yaml b.yaml --variant all --jobs 8"

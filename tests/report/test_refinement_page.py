@@ -77,7 +77,7 @@ def test_the_page_shows_what_refinement_did(tmp_path: Path) -> None:
 
 def test_the_page_says_why_a_refinement_failed(tmp_path: Path) -> None:
     page = page_of(
-        tmp_path, {"backend": "wan", "failed": "refine: <b> do not fit; write less"}, "unrefined.mp4"
+        tmp_path, {"backend": "animatediff", "failed": "refine: <b> do not fit; write less"}, "unrefined.mp4"
     )
     assert "The rendered video, not refined." in page
     assert 'src="unrefined.mp4"' in page

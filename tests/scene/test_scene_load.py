@@ -105,7 +105,7 @@ def test_everything_that_is_written() -> None:
         (scene.CameraView(0, (250, 180), None, 1.5), scene.CameraView(1, None, "ball", 2)), 3,
     )  # fmt: skip
     assert found.refine == scene.Refine(
-        "wan", 0.3, 4, 20, 7, "a red ball, a photograph", "cartoon", 6, 0.5, 0.75
+        "animatediff", 0.3, 4, 20, 7, "a red ball, a photograph", "cartoon", 6, 0.5, 0.75
     )
     assert found.maps == {"depth": (1, 9.5), "shading": (0, 2)}
     assert found.variants == ("hard",)

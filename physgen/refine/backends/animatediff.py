@@ -1,6 +1,6 @@
 """AnimateDiff (Guo et al. 2024): a motion adapter within a Stable Diffusion 1.5, every frame a latent.
 
-Its frames are to be of about 512 x 512 px, and 16 of them seen at a time. It is not shown the first one.
+Its frames are to be of about 512 x 512 px, and 16 of them seen at a time.
 """
 
 from __future__ import annotations
@@ -57,9 +57,6 @@ class AnimateDiff:
         found: Tensor = self.pipe.encode_prompt(text, self._device, 1, False)[0]
         return found
 
-    def shown(self, frame: Tensor, latents: int) -> None:
-        """Nothing."""
-
     def encode(self, video: Tensor) -> Tensor:
         """The mean of each frame, some at a time."""
         vae = self.pipe.vae
@@ -72,7 +69,7 @@ class AnimateDiff:
         for part in latents.split(CHUNK):
             yield vae.decode(part.to(self._device) / vae.config.scaling_factor).sample
 
-    def predict(self, latents: Tensor, time: Tensor, text: Tensor, shown: Any) -> Tensor:
+    def predict(self, latents: Tensor, time: Tensor, text: Tensor) -> Tensor:
         """(F, C, h, w): the network takes (1, C, F, h, w)."""
         z = latents.to(self._device, self._dtype).transpose(0, 1)[None]
         words = text.repeat_interleave(len(latents), dim=0)
@@ -98,7 +95,7 @@ def trained(weights: tuple[str, ...]) -> Trained:
     cell = 2 ** (len(vae["block_out_channels"]) - 1)
     levels = 2 ** (len(unet["block_out_channels"]) - 1)
     side = unet.get("sample_size") or 64
-    return Trained(Grid(cell, cell * levels, (side * cell) ** 2, 1, min(FRAMES, most)), most)
+    return Trained(Grid(cell, cell * levels, (side * cell) ** 2, min(FRAMES, most)), most)
 
 
 def load(weights: tuple[str, ...], device: str, dtype: torch.dtype) -> AnimateDiff:

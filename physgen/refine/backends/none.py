@@ -15,7 +15,7 @@ ANY = 1 << 30
 class Nothing:
     """A model whose latents are the frames, and that changes nothing in any step."""
 
-    grid = Grid(cell=1, side=1, area=ANY, stride=1, window=ANY)
+    grid = Grid(cell=1, side=1, area=ANY, window=ANY)
 
     def begin(self, frames: Sequence[U8], prompt: PromptSettings, steps: int, count: int) -> F32:
         """(F, 3, H, W), 0..1."""
@@ -25,7 +25,7 @@ class Nothing:
         """`latents`."""
         return latents
 
-    def predict(self, latents: F32, k: int, first: int) -> F32:
+    def predict(self, latents: F32, k: int) -> F32:
         """Nothing to change."""
         return np.zeros_like(latents)
 

@@ -10,7 +10,7 @@ import importlib.util
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -35,7 +35,6 @@ from physgen.perceive.backends.models import (
 )
 from physgen.problems import InputError, Problem
 from physgen.refine.denoiser import F32, U8, Grid, PromptSettings
-from physgen.refine.latents import frames_held, latent_frames
 from physgen.registry import Options, Setup, hub_folder, read_options
 
 REFINE = Flag("--refine", "NAME:PATH")
@@ -72,13 +71,6 @@ def load_pipeline(kind: Any, weights: str, dtype: torch.dtype, what: str, vae: A
         return load_pipeline_on_cpu(kind, path, dtype, vae=as_dtype(fine, torch.float32), **parts)
 
     return load_weights(load, weights, what, REFINE)
-
-
-def check_pipeline_class(weights: str, found: str, known: tuple[str, ...], what: str) -> None:
-    """Raises InputError where the pipeline `found` is none of those `known`."""
-    if found not in known:
-        fix = f"name weights of a {known[0]}, or the backend of these"
-        raise InputError.of(REFINE.name, f'"{weights}"', f"is a {found}: not for {what}", fix)
 
 
 def revision(weights: str) -> str:
@@ -153,20 +145,6 @@ def levels(most: int, steps: int, offset: int) -> NDArray[np.int64]:
     return np.minimum(np.floor(down * most / steps).astype(np.int64) + offset, most - 1)
 
 
-def euler(scheduler: Any, steps: int, count: int) -> Schedule:
-    """The last `count` of `steps` of a straight flow from noise to data, by Euler's method (Lipman et al. 2023)."""
-    scheduler.set_timesteps(steps)
-    times, sigmas = scheduler.timesteps[-count:], scheduler.sigmas[-count - 1 :].numpy().astype(np.float32)
-
-    def noised(latents: F32, noise: F32, k: int) -> F32:
-        return np.asarray((1 - sigmas[k]) * latents + sigmas[k] * noise, np.float32)
-
-    def stepped(prediction: F32, latents: F32, k: int) -> F32:
-        return np.asarray(latents + (sigmas[k + 1] - sigmas[k]) * prediction, np.float32)
-
-    return Schedule(type(scheduler).__name__, times, noised, stepped)
-
-
 OPTIONS: Options = {
     "resolution": (None, {"type": "integer", "minimum": 16}),
     "window": (None, {"type": "integer", "minimum": 1}),
@@ -191,20 +169,16 @@ class Network(Protocol):
         """What the model understands of a text."""
         ...
 
-    def shown(self, frame: Tensor, latents: int) -> Any:
-        """What a window of so many latent frames is shown of its first, (3, H, W) in -1..1; None: only words."""
-        ...
-
     def encode(self, video: Tensor) -> Tensor:
-        """(F, 3, H, W) in -1..1 on the processor -> (F', C, h, w)."""
+        """(F, 3, H, W) in -1..1 on the processor -> (F, C, h, w)."""
         ...
 
     def decode(self, latents: Tensor) -> Iterator[Tensor]:
-        """(F', C, h, w) on the processor -> (f, 3, H, W) in -1..1, some frames at a time."""
+        """(F, C, h, w) on the processor -> (f, 3, H, W) in -1..1, some frames at a time."""
         ...
 
-    def predict(self, latents: Tensor, time: Tensor, text: Tensor, shown: Any) -> Tensor:
-        """What the model says of (F', C, h, w) on the processor at a level of noise."""
+    def predict(self, latents: Tensor, time: Tensor, text: Tensor) -> Tensor:
+        """What the model says of (F, C, h, w) on the processor at a level of noise."""
         ...
 
 
@@ -237,13 +211,10 @@ class Run:
     """One video under way."""
 
     schedule: Schedule
-    frames: Sequence[U8]
     guidance: float
     text: Tensor
     negative: Tensor | None
     """What shall not be seen; None: the model is not guided."""
-    shown: dict[int, Any] = field(default_factory=dict)
-    """By the first latent frame of a window."""
 
 
 class Sampler:
@@ -282,7 +253,7 @@ class Sampler:
                 raise InputError.of(
                     "physgen.toml", found, f"is more than the {most} frames that the model can see", fix
                 )
-            grid = replace(grid, window=latent_frames(window, grid))
+            grid = replace(grid, window=window)
         return grid
 
     @cached_property
@@ -306,7 +277,7 @@ class Sampler:
             text = network.encode_text(prompt.prompt)
             negative = network.encode_text(prompt.negative) if guidance > 1 else None
             network.pipe.maybe_free_model_hooks()  # what reads text leaves the GPU to what reads frames
-            self._run = Run(network.schedule(steps, count), frames, guidance, text, negative)
+            self._run = Run(network.schedule(steps, count), guidance, text, negative)
             latents = _array(network.encode(_video(frames)))
             network.pipe.maybe_free_model_hooks()  # and that to what denoises
         return latents
@@ -316,20 +287,15 @@ class Sampler:
         schedule = self._at().schedule
         return schedule.noised(latents, noise, k) if k < len(schedule.times) else latents
 
-    def predict(self, latents: F32, k: int, first: int) -> F32:
+    def predict(self, latents: F32, k: int) -> F32:
         """See `Denoiser`."""
         run, network = self._at(), self._network
         with memory_errors():
-            if first not in run.shown:
-                frame = frames_held(first, self.grid) if first else 0
-                run.shown[first] = network.shown(_video(run.frames[frame : frame + 1])[0], len(latents))
-            z, time, shown = torch.from_numpy(latents), run.schedule.times[k], run.shown[first]
-            guided = _array(network.predict(z, time, run.text, shown))
+            z, time = torch.from_numpy(latents), run.schedule.times[k]
+            guided = _array(network.predict(z, time, run.text))
             if run.negative is None:
                 return guided
-            free = _array(
-                network.predict(z, time, run.negative, shown)
-            )  # in turn: half the memory of both at once
+            free = _array(network.predict(z, time, run.negative))  # in turn: half the memory of both at once
         return np.asarray(free + np.float32(run.guidance) * (guided - free), np.float32)
 
     def stepped(self, prediction: F32, latents: F32, k: int) -> F32:
