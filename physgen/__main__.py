@@ -2,20 +2,40 @@
 
 from __future__ import annotations
 
+import atexit
+import gc
+import os
 import sys
+import threading
 
 INTERRUPTED = 130
 """Exit code, as of a shell."""
+NEW_OBJECTS = 20_000
+"""After so many, unused cycles of objects are looked for; at Python's 700 that takes 3 % of a short clip."""
 
 
 def main() -> int:
     """The command line; Ctrl-C while it is imported ends it without a traceback, too."""
+    gc.set_threshold(NEW_OBJECTS)
     try:
         from physgen.cli.main import main as run
 
-        return run()
+        return _end(run())
     except KeyboardInterrupt:
         return INTERRUPTED
+
+
+def _end(code: int) -> int:
+    """Ends the process at once where nothing runs or waits to be written: taking modules apart is 4 % of a clip."""
+    try:
+        sys.stdout.flush()
+        sys.stderr.flush()
+    except (OSError, ValueError):  # Python's own end reports it
+        return code
+    if sum(not thread.daemon for thread in threading.enumerate()) == 1:
+        atexit._run_exitfuncs()
+        os._exit(code)
+    return code
 
 
 if __name__ == "__main__":

@@ -42,13 +42,13 @@ def clip_mark(*options: Any) -> str:
 
 @cache
 def _data_version() -> str:
-    """SHA-256 of the data that comes with the code: schema, templates, tables, networks."""
+    """SHA-256 of the data that comes with the code: schema, templates, tables."""
     import physgen
     from physgen.files import resource
 
     digest = sha256()
     package = Path(physgen.__file__).parent
-    beside = [path for path in package.rglob("*") if path.suffix in (".yaml", ".json", ".onnx")]
+    beside = [path for path in package.rglob("*") if path.suffix in (".yaml", ".json")]
     shipped = [path for folder in ("schemas", "templates") for path in Path(str(resource(folder))).rglob("*")]
     for path in sorted(path for path in (*beside, *shipped) if path.is_file()):
         digest.update(f"{path.name} ".encode() + path.read_bytes())

@@ -14,7 +14,6 @@ from pathlib import Path
 from physgen import pipeline
 from physgen.batch.outcomes import outcomes
 from physgen.batch.resume import clip_mark, recorded_warnings, unchanged_clip
-from physgen.batch.workers import LostError, run_parallel
 from physgen.export.video import NO_ROOM
 from physgen.files import file_stamp, final_name
 from physgen.problems import InputError, Problem
@@ -131,6 +130,8 @@ def run_all(
     if workers <= 1:
         yield from (run(job, watch(job)) for job in jobs)
     else:
+        from physgen.batch.workers import run_parallel
+
         yield from run_parallel(run, jobs, workers, failed)
 
 
@@ -206,6 +207,8 @@ def _describe_failure(error: Exception) -> tuple[str, str]:
     if isinstance(error, OSError):
         where = f"{final_name(str(error.filename))}: " if error.filename else ""
         return f"failed: {where}{error.strerror or error}", ""
+    from physgen.batch.workers import LostError
+
     if isinstance(error, MemoryError | LostError):
         found = "ran out of memory" if isinstance(error, MemoryError) else f"failed: {error}"
         return found, "try fewer --jobs or a smaller scene"

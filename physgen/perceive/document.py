@@ -560,14 +560,6 @@ def short_entries(
     return short, "{\n" + ",\n".join(stored) + "\n}\n"
 
 
-def written_suitability(assets: Path | None) -> str:
-    """Whether the photo suits, by the run that wrote these assets; `""` where they have no record of it."""
-    found = recorded(assets, "suitability")
-    reasons = found.get("reasons")
-    told = (str(found.get("verdict", "")), "; ".join(map(str, reasons if isinstance(reasons, list) else ())))
-    return ": ".join(filter(None, told))
-
-
 def _free_of_maps(name: str) -> str:
     """The photo's name among the assets: no map has it."""
     return f"photo-{name}" if Path(name).stem.lower() in MAPS else name

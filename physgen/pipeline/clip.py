@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
 from enum import Enum
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +18,7 @@ import numpy as np
 from physgen.export.video import U8, Format
 from physgen.files import file_stamp
 from physgen.pipeline.refining import Refiners, guidance_footage, refine_footage
-from physgen.pipeline.stages import Film, Keep, Stages, fan, lint, render
+from physgen.pipeline.stages import Aside, Film, Keep, Stages, fan, lint, render
 from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
 from physgen.progress import Progress, silent
 from physgen.scene.scene import ADD_OBJECT, Motion
@@ -29,9 +30,9 @@ if TYPE_CHECKING:
     from physgen.maps import Percepts
     from physgen.pipeline.footage import Footage
     from physgen.render.stage import Frame
-    from physgen.report.perception import Comparison
+    from physgen.report.perception import Comparison, Perception
+    from physgen.report.player import Data
     from physgen.report.record import RunRecord
-    from physgen.report.uncertainty import UncertaintySection
     from physgen.scene.scene import Scene
     from physgen.simulate.trajectory import Trajectory
     from physgen.simulate.uncertainty import Ensemble, Verdict
@@ -221,42 +222,13 @@ def render_scene(
     results from one scene to the next. Returns the folder. Raises InputError; where refinement fails, the folder is
     written all the same, with `unrefined.mp4`.
     """
-    from physgen.report.films import size_warning
-    from physgen.report.folders import atomic_folder
-
     options = replace(options or RenderOptions(), **changes)
     run = _Run(path, Path(out), options, stages or Stages(Keep.NOTHING), progress, warn)
-    faults: Sequence[Problem] = ()
-    footage = trajectory = None
-    if run.scene.refine.backend != "none":
-        footage = guidance_footage(run.film, run.record, progress, warn, options.cached, run.inputs_unchanged)
-        trajectory = footage.trajectory
-    else:
-        progress("simulate", 0, 1)
-        trajectory = run.film.simulated(progress)
-    draws = run.analyse(trajectory)
-    with atomic_folder(run.final) as folder:
-        if footage is None:
-            first, changed = run.draw(trajectory, folder), None
-        else:
-            faults, changed = run.refine(footage, folder, refiners or Refiners())
-            first = footage.rgb[0]
-        with run.record.stage("report"):
-            trajectory.save(folder / "trajectory.npz")
-            if draws is not None:
-                draws.save(folder)
-            if options.formats and options.page is not Page.NONE:
-                run.write_page(trajectory, first, folder, changed, draws)
-        if not run.inputs_unchanged():
-            run.record.mark = ""  # the next run makes it again: which of the two was drawn is unknown
-        write_manifest(run.record, folder)
-    if options.single_file and options.page is not Page.NONE:
-        large = size_warning(run.final / "report.html", "make the clip shorter or smaller")
-        if large is not None:
-            warn(large)
-    if faults:
-        raise InputError([*faults, _kept(run.final, "has the clip without refinement")])
-    return run.final
+    try:
+        return run.made(refiners or Refiners())
+    except Exception:
+        run.aside.join()
+        raise
 
 
 class _Run:
@@ -272,7 +244,6 @@ class _Run:
         warn: Warn,
     ) -> None:
         from physgen.report.folders import output_folder
-        from physgen.report.perception import perception
         from physgen.report.record import RunRecord, inputs, source_of
 
         self.options, self.progress, self._warn = options, progress, warn
@@ -298,13 +269,76 @@ class _Run:
             warnings = lint(scene, compiled, maps.percepts)
         for problem in warnings:
             self.warn(problem)
-        with record.stage("report"):
-            shown = options.page is not Page.NONE
-            self.perceived = perception(scene, compiled, maps.percepts) if shown else None
+        self.paged = bool(options.formats) and options.page is not Page.NONE
         self.film = Film(scene, compiled, maps, record, stages)
         self.labels = Labels.of(options.export, scene, maps.percepts)
         if options.export and not options.formats:
             self.labels.check_kept(self.final)
+        self.aside = Aside(record)
+        self._percepts = maps.percepts if self.paged else None
+        self._perceived: Callable[[], Perception | None]
+        self._player: Callable[[], Data | None]
+
+    def made(self, refiners: Refiners) -> Path:
+        """The folder, complete. Raises InputError."""
+        from physgen.report.films import size_warning
+        from physgen.report.folders import atomic_folder
+
+        options, record, film = self.options, self.record, self.film
+        faults: Sequence[Problem] = ()
+        footage = trajectory = None
+        if self.scene.refine.backend != "none":
+            self._draw_perception()
+            footage = guidance_footage(
+                film, record, self.progress, self._warn, options.cached, self.inputs_unchanged
+            )
+            trajectory = footage.trajectory
+        else:
+            self.progress("simulate", 0, 1)
+            trajectory = film.simulated(self.progress)
+            # not before: a thread beside the engine, which hands Python over at every step, costs more than it gains
+            self._draw_perception()
+        draws = self.analyse(trajectory)
+        with atomic_folder(self.final) as folder:
+            if footage is None:
+                first, changed = self.draw(trajectory, folder), None
+            else:
+                faults, changed = self.refine(footage, folder, refiners)
+                first = footage.rgb[0]
+                if self.paged:
+                    self._sample_player(trajectory)
+            with record.stage("report", time.thread_time):
+                trajectory.save(folder / "trajectory.npz")
+                if draws is not None:
+                    draws.save(folder)
+                if self.paged:
+                    self.write_page(trajectory, first, folder, changed, draws)
+            if not self.inputs_unchanged():
+                record.mark = ""  # the next run makes it again: which of the two was drawn is unknown
+            write_manifest(record, folder)
+        if self.paged and options.single_file:
+            large = size_warning(self.final / "report.html", "make the clip shorter or smaller")
+            if large is not None:
+                self._warn(large)
+        if faults:
+            raise InputError([*faults, _kept(self.final, "has the clip without refinement")])
+        return self.final
+
+    def _draw_perception(self) -> None:
+        """Begin to make the report's pictures of the photo, whose maps are let go then."""
+        from physgen.report.perception import perception
+
+        if self.paged:
+            make = partial(perception, self.scene, self.film.compiled, self._percepts)
+            self._perceived, self._percepts = self.aside.start("report", make), None
+
+    def _sample_player(self, trajectory: Trajectory) -> None:
+        """Begin to make the report's data of the motion; its frames are sampled already."""
+        from physgen.report.player import player_data
+
+        film = self.film
+        parts = film.compiled.world, trajectory, film.stage, film.shot(trajectory), film.sampled
+        self._player = self.aside.start("report", partial(player_data, self.scene, *parts))
 
     def warn(self, problem: Problem) -> None:
         """Warn the user, and note it in the record."""
@@ -381,6 +415,9 @@ class _Run:
         from physgen.pipeline.writing import VideoFiles
 
         film, record = self.film, self.record
+        film.exposed(trajectory)
+        if self.paged:
+            self._sample_player(trajectory)
         files = VideoFiles(self.scene, folder, self.options.formats, record, self.progress)
         count = len(film.shot(trajectory).order)
         with self.labels.exported(film, trajectory, self._truth(folder), record) as tap:
@@ -417,7 +454,6 @@ class _Run:
         """The report; `first` is the clip's first frame, unrefined."""
         from physgen.report.films import embedded_film, linked_film
         from physgen.report.page import PageParts, report_page
-        from physgen.report.player import player_data
         from physgen.scene.write import scene_text
 
         scene, film, record, kinds = self.scene, self.film, self.record, self.options.formats
@@ -430,10 +466,9 @@ class _Run:
             shown = linked_film(folder, made)
         if scene.render.overlay or not shot.opens_on_photo:  # the page draws on the photo itself
             first = next(render(film.stage, trajectory)).rgb
-        player = player_data(scene, world, trajectory, film.stage, shot, film.sampled)
-        section = None if draws is None else draws.section(world)
+        section = None if draws is None else draws.section(world, first)
         text = scene_text(scene.document)
-        parts = PageParts(player, self.perceived, changed, section)
+        parts = PageParts(self._player(), self._perceived(), changed, section)
         html = report_page(scene, world, record, first, shown, text, parts)
         (folder / "report.html").write_text(html, "utf-8", "backslashreplace")
 
@@ -475,11 +510,11 @@ class Draws:
         """Write the table of all draws."""
         (folder / TABLE).write_text(self.ensemble.table(), encoding="utf-8")
 
-    def section(self, world: World) -> UncertaintySection:
+    def section(self, world: World, first: U8) -> dict[str, Any]:
         """For the report."""
         from physgen.report.uncertainty import uncertainty_section
 
-        return uncertainty_section(self.ensemble, self.verdicts, world)
+        return uncertainty_section(self.ensemble, self.verdicts, world, first)
 
 
 def _manifest(folder: Path) -> dict[str, Any]:

@@ -8,11 +8,14 @@ one scene.
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cached_property
 from pathlib import Path
+from threading import Lock, Thread
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
@@ -363,6 +366,38 @@ class Stages:
         return known[1]
 
 
+class Aside:
+    """Threads that work while the run goes on; whoever waits for one counts the wall time."""
+
+    def __init__(self, record: RunRecord) -> None:
+        self._record = record
+        self._threads: list[Thread] = []
+
+    def start(self, stage: str, work: Callable[[], T]) -> Callable[[], T]:
+        """Does `work` in a thread, whose CPU time counts to a stage; a function that waits for the result."""
+        from physgen.report.record import StageTime
+
+        done: Future[T] = Future()
+
+        def run() -> None:
+            try:
+                found = work()
+            except BaseException as error:
+                done.set_exception(error)
+                return
+            self._record.stages.setdefault(stage, StageTime()).cpu += time.thread_time()
+            done.set_result(found)
+
+        self._threads.append(Thread(target=run, name=stage, daemon=True))  # Ctrl-C waits for none
+        self._threads[-1].start()
+        return done.result
+
+    def join(self) -> None:
+        """Wait for all, whose results nobody needs any more."""
+        for thread in self._threads:
+            thread.join()
+
+
 class Film:
     """Draws the frames of one scene; sprites are cut out when first needed, and the maps are then released."""
 
@@ -375,13 +410,14 @@ class Film:
         self._fine: tuple[Trajectory, Trajectory, int] | None = None
         """Of a trajectory: the samples at which its frames are exposed, and how many a frame has."""
         self._tape: StepLog | None = None
+        self._reading = Lock()
 
     def simulated(self, progress: Progress) -> Trajectory:
         """The motion, a sample a frame; its steps are kept where it is run now."""
         from physgen.simulate.recorder import StepLog
 
         self._tape = StepLog()
-        with self._record.stage("simulate"):
+        with self._record.stage("simulate", time.thread_time):
             return self._stages.simulate(self.compiled.world, progress, self._tape)
 
     def sampled(self, times: NDArray[np.float64]) -> Trajectory:
@@ -389,16 +425,17 @@ class Film:
         from physgen.simulate.engine import simulate
         from physgen.simulate.recorder import StepLog
 
-        found = None if self._tape is None else self._tape.read(times)
-        if found is None:
-            self._tape = StepLog()
-            found = simulate(self.compiled.world, times, tape=self._tape)
+        with self._reading:
+            found = None if self._tape is None else self._tape.read(times)
+            if found is None:
+                self._tape = StepLog()
+                found = simulate(self.compiled.world, times, tape=self._tape)
         return found
 
     @cached_property
     def stage(self) -> Stage:
         """The sprites and the background."""
-        with self._record.stage("cut out"):
+        with self._record.stage("cut out", time.thread_time):
             assert self._maps is not None
             made = self._stages.stage(self.scene, self.compiled, self._maps)
         self._maps = None
@@ -428,7 +465,7 @@ class Film:
             moments, parts = exposure_times(trajectory, self.compiled.world, self.scene.render.motion_blur)
             fine = trajectory
             if parts > 1:
-                with self._record.stage("expose"):
+                with self._record.stage("expose", time.thread_time):
                     fine = self.sampled(moments)
             self._fine = trajectory, fine, parts
         return self._fine[1:]

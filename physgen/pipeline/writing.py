@@ -35,28 +35,32 @@ class VideoFiles:
         record, render = self.record, self.scene.render
         clock = time.process_time if stage == "refine" else time.thread_time  # a model has threads of its own
         hashes = []
-        making = record.stages.setdefault(stage, StageTime())
         encoding = record.stages.setdefault("encode", StageTime())
-        started, made, encoded = time.process_time(), making.cpu, encoding.cpu
         with ExitStack() as files:
-            with record.stage("encode"):
+            with record.stage("encode", time.thread_time):
                 size = self.scene.video_size
                 writers = [
                     files.enter_context(open_video(self.folder, kind, size, render.fps, name))
                     for kind in self.formats
                 ]
-            with encode_in_thread(writers) as write:
+
+            def encode(rgb: U8) -> None:
+                begun = time.thread_time()
+                for put in writers:
+                    put(rgb)
+                encoding.cpu += time.thread_time() - begun
+
+            with encode_in_thread([encode]) as write:
                 for index in range(count):
                     with record.stage(stage, clock):
                         frame = next(frames)
                         hashes.append(frame_hash(frame.rgb))
                     if index == 0:
                         first = frame.rgb.copy()  # it may be part of a batch
-                    with record.stage("encode"):
-                        write(frame.rgb)
+                    begun = time.perf_counter()
+                    write(frame.rgb)
+                    encoding.wall += time.perf_counter() - begun
                     self.progress(shown or stage, index + 1, count)
-            with record.stage("encode"):
+            with record.stage("encode", time.thread_time):
                 files.close()
-        # the encoder's threads run while frames are made: its share is what making them did not take
-        encoding.cpu = max(encoded, encoded + time.process_time() - started - (making.cpu - made))
         return hashes, first

@@ -273,7 +273,7 @@ def relit_border(rest: F32, lit: LitBackground, dark: F32, box: Slices) -> F32:
         return rest
     change = three_channels(np.asarray(cv2.exp(np.minimum(more, 1)), np.float32))
     # what is taken away may lie on another object, which has no more to give
-    return np.asarray(rest * np.where(rest < 0, np.minimum(change, 1), change), np.float32)
+    return np.asarray(np.maximum(rest * change, np.minimum(rest, 0)), np.float32)
 
 
 def occlusion_factors(

@@ -109,6 +109,8 @@ class LitBackground:
     def limited(self, dark: F32, box: tuple[slice, slice]) -> F32:
         """(h, w) of the sum `dark` (h, w) of shadows: of direct light that one keeps away others keep away no more."""
         over = dark - np.maximum(self.total[box], self.setting.shade)
+        if over.max() <= 0:
+            return dark
         return np.asarray(np.where(over > 0, dark - over + 1 - cv2.exp(-over), dark), np.float32)
 
     def moved(self, k: int, now: Silhouette | None, start: Pose, pose: Pose) -> list[tuple[PixelBox, F32]]:

@@ -21,9 +21,10 @@ from physgen.geometry.raster import coverage_box
 from physgen.geometry.shadows import PixelBox
 from physgen.maps import F32, U8, U16
 from physgen.perceive.inpaint.poisson import dilate, harmonic_fill
-from physgen.perceive.roles import Mask
 from physgen.photometry import DistantLight, decode
 from physgen.render.ball import Ball
+
+Mask = NDArray[np.bool_]
 
 _LOBES = [float(np.sinc(k) * np.sinc(k / 3)) for k in (2.5, 1.5, 0.5)]
 HALFWAY = [np.float32(lobe / (2 * sum(_LOBES))) for lobe in _LOBES]
@@ -251,7 +252,7 @@ def cut_sprites(
 
     Where `layers`, one a body, differ, the larger is in front, whatever seems hidden.
     `rgb`, `background` (H, W, 3) sRGB; `labels` (H, W), id k + 1 is body k; `absent` (H, W): objects of the photo that
-    the scene leaves out, which vanish; `coverage` (H, W) of all objects together, absent ones too.
+    the scene leaves out, which vanish; `coverage` (H, W) of all objects together, absent ones too. None is `anchored`.
     """
     photo, behind = decode(rgb), decode(background)
     boxes = _boxes(labels)
@@ -289,7 +290,7 @@ def cut_sprites(
                 hider=np.pad(touching, around) if touching.any() else None,
             )
         )
-    return anchored(sprites, photo, behind, absent)
+    return sprites
 
 
 @dataclass(frozen=True)
@@ -436,7 +437,7 @@ def anchored(
     near = _nearest(top, absent, round(CUT.halo * max(height, width)))
     if owner is not None:
         near = np.where(owner > 0, owner, near)
-    near[(top > 0) | (np.abs(rest).max(axis=2) <= CUT.unseen)] = 0
+    near[(top > 0) | (np.maximum.reduce(cv2.split(np.abs(rest))) <= CUT.unseen)] = 0
     found = []
     for number, (sprite, inside, place) in enumerate(zip(sprites, insides, places, strict=True), 1):
         own = np.zeros_like(sprite.light)

@@ -24,7 +24,7 @@ from physgen.photometry import DistantLight, decode
 from physgen.render.ball import ball_from_photo, sphere_shading
 from physgen.render.occlusion import SUNK, ground_below, occluders, occlusions, silhouette
 from physgen.render.shadow_decomposition import decompose_shadows
-from physgen.render.sprites import MARGIN, Sprite, anchored, relief_of
+from physgen.render.sprites import MARGIN, Mask, Sprite, anchored, relief_of
 from physgen.render.stage import Frame, ShadowBody, Stage, three_channels
 from physgen.scene.scene import Scene, Solid, View
 
@@ -187,9 +187,6 @@ def matte_coverage(frame: Frame) -> F32:
     return decode(frame.rgb[..., 0])
 
 
-Mask = NDArray[np.bool_]
-
-
 def lit_stage(
     scene: Scene,
     world: World,
@@ -201,7 +198,7 @@ def lit_stage(
 ) -> Stage:
     """`background` (H, W, 3) sRGB with the objects' shadows; `coverage` (H, W) of all objects, `absent` ones too."""
     if scene.light is None:
-        return Stage(background, sprites)
+        return Stage(background, anchored(sprites, decode(maps.rgb), decode(background), absent))
     light = DistantLight(scene.light.direction, scene.light.intensity, scene.light.ambient)
     parts = [part for sprite in sprites for part in _parted(sprite, world.bodies[sprite.body])]
     top = world.view is View.TOP

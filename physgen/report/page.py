@@ -34,7 +34,6 @@ from physgen.report.perception import Comparison, Perception
 from physgen.report.player import Data
 from physgen.report.record import RunRecord, versions
 from physgen.report.refinement import refinement
-from physgen.report.uncertainty import UncertaintySection, dimmed_photo
 from physgen.scene.scene import Play, Render, Scene, View
 from physgen.text import rounded, value_text
 
@@ -66,7 +65,8 @@ class PageParts:
     perception: Perception | None = None
     refinement: Comparison | None = None
     """A frame before and after."""
-    uncertainty: UncertaintySection | None = None
+    uncertainty: dict[str, Any] | None = None
+    """Variables of `fan.html.j2`."""
 
 
 def report_page(
@@ -125,7 +125,6 @@ def report_page(
         perception=parts.perception,
         retouched=parts.refinement,
         fan=fan,
-        dimmed=None if fan is None else dimmed_photo(first),
         provenance=provenance(record, scene_text, _scene_file(scene)),
         version=__version__,
     )

@@ -10,6 +10,7 @@ import colorsys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -20,10 +21,10 @@ from physgen.compile.compile import Compiled
 from physgen.compile.world import body_in_photo
 from physgen.geometry.polygon import Array
 from physgen.maps import U8, U16, Percepts
-from physgen.perceive.document import written_suitability
 from physgen.photometry import DistantLight, encode_u8, sphere_normals
 from physgen.render.drawing import Colour, Layer
 from physgen.report.html import fitted, webp
+from physgen.scene.files import recorded
 from physgen.scene.scene import Light, MaskId, Scene, View
 
 SIDE, PAIR_SIDE = 480, 800
@@ -44,13 +45,8 @@ class Picture:
     alt: str
     rgb: U8
     """(h, w, 3) sRGB."""
-    quality: int
-    """Of WebP."""
-
-    @cached_property
-    def uri(self) -> str:
-        """`data:image/webp;base64,...`."""
-        return webp(self.rgb, self.quality)
+    uri: str
+    """`data:image/webp;base64,...`."""
 
     @property
     def width(self) -> int:
@@ -126,6 +122,14 @@ def perception(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Perce
     return Perception(tuple(pictures), (compared("background", "Background", caption, before, after),))
 
 
+def written_suitability(assets: Path | None) -> str:
+    """Whether the photo suits, by the run that wrote these assets; `""` where they have no record of it."""
+    found = recorded(assets, "suitability")
+    reasons = found.get("reasons")
+    told = (str(found.get("verdict", "")), "; ".join(map(str, reasons if isinstance(reasons, list) else ())))
+    return ": ".join(filter(None, told))
+
+
 def compared(
     name: str, title: str, caption: str, before: tuple[str, U8], after: tuple[str, U8]
 ) -> Comparison:
@@ -135,13 +139,14 @@ def compared(
     pair = []
     for side, (words, rgb) in (("before", before), ("after", after)):
         alt, small = f"{title}, {words}", fitted(rgb, PAIR_SIDE)
-        pair.append(Picture(f"{name}-{side}", words, "", alt, small, PAIR_QUALITY))
+        pair.append(Picture(f"{name}-{side}", words, "", alt, small, webp(small, PAIR_QUALITY)))
     return Comparison(name, title, caption, *pair)
 
 
 def _picture(name: str, title: str, caption: str, rgb: U8, alt: str = "") -> Picture:
     alt = alt or f"{title} of the photo. {caption}"
-    return Picture(name, title, caption, alt, fitted(rgb, SIDE), QUALITY)
+    small = fitted(rgb, SIDE)
+    return Picture(name, title, caption, alt, small, webp(small, QUALITY))
 
 
 def _photo_pictures(

@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -140,12 +139,20 @@ def versions(refine: Mapping[str, Any] | None = None) -> dict[str, str]:
 @cache
 def _installed() -> dict[str, str]:
     found = {"physgen": __version__, "python": platform.python_version()}
-    for name in LIBRARIES:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = "unknown"
-    return found
+    return found | {name: _installed_version(name) for name in LIBRARIES}
+
+
+def _installed_version(name: str) -> str:
+    """By the name of its folder of metadata: to parse that takes as long as to load a scene."""
+    for place in (place for place in sys.path if place.endswith("-packages")):
+        for folder in Path(place).glob(f"{name.replace('-', '_')}-*.dist-info"):
+            return folder.stem.partition("-")[2]
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "unknown"
 
 
 def peak_memory() -> int:

@@ -37,11 +37,8 @@ class SectionLimits:
 
 LIMITS = SectionLimits()
 
-UncertaintySection = dict[str, Any]
-"""Variables of `fan.html.j2`."""
 
-
-def uncertainty_section(fan: Ensemble, found: Sequence[Verdict], world: World) -> UncertaintySection:
+def uncertainty_section(fan: Ensemble, found: Sequence[Verdict], world: World, first: U8) -> dict[str, Any]:
     """`found` are the ensemble's verdicts.
 
     `ways` are paths of bodies in draws, `own` those in the clip, `rows` the table.
@@ -52,6 +49,7 @@ def uncertainty_section(fan: Ensemble, found: Sequence[Verdict], world: World) -
     fates = {way["fate"] for way in ways}
     return {
         "headline": headline(fan, found),
+        "photo": jpeg(fitted(first, LIMITS.widest), LIMITS.quality),
         "facts": _facts(fan),
         "ways": ways,
         "own": [d for b in range(len(fan.names)) if (d := _path(fan.own_poses[:, b, :2], world))],
@@ -60,11 +58,6 @@ def uncertainty_section(fan: Ensemble, found: Sequence[Verdict], world: World) -
         "rows": [_row(verdict) for verdict in found],
         "failures": [str(problem) for problem in fan.failures],
     }
-
-
-def dimmed_photo(rgb: U8) -> str:
-    """The photo `(H, W, 3)` sRGB below the paths, as a data URI."""
-    return jpeg(fitted(rgb, LIMITS.widest), LIMITS.quality)
 
 
 def _facts(fan: Ensemble) -> str:

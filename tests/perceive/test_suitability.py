@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from physgen.geometry.polygon import Disc
-from physgen.perceive.document import write_scene, written_suitability
+from physgen.perceive.document import write_scene
 from physgen.perceive.perceive import perceive
 from physgen.perceive.roles import BoundaryGuess, Detections, Doubt, PhotoObject, Wall
 from physgen.perceive.segment.network import run_network
 from physgen.perceive.segment.prompts import from_masks
 from physgen.perceive.support import viewpoint
 from physgen.perceive.support.viewpoint import judge_suitability
+from physgen.report.perception import written_suitability
 from physgen.scene.scene import View
 
 H, W = 192, 256

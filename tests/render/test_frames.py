@@ -9,7 +9,7 @@ from pytest import approx
 
 from physgen.photometry import decode, encode_u8
 from physgen.render.frames import render_frames
-from physgen.render.sprites import cut_sprites
+from physgen.render.sprites import anchored, cut_sprites
 from physgen.render.stage import Stage
 from physgen.simulate.trajectory import Contacts, Effort, Energy, Trajectory
 
@@ -66,10 +66,15 @@ def photo():
     return rgb, labels, coverage, background
 
 
+def cut_out(rgb, labels, absent, coverage, background, order):
+    sprites = cut_sprites(rgb, labels, absent, coverage, background, order)
+    return anchored(sprites, decode(rgb), decode(background), absent)
+
+
 def staged(photo, order=(0, 1), absent=None):
     rgb, labels, coverage, background = photo
     absent = np.zeros(labels.shape, bool) if absent is None else absent
-    return Stage(background, cut_sprites(rgb, labels, absent, coverage, background, order))
+    return Stage(background, cut_out(rgb, labels, absent, coverage, background, order))
 
 
 def test_at_rest_every_frame_is_the_photo(photo) -> None:
@@ -83,7 +88,7 @@ def test_at_rest_every_frame_is_the_photo(photo) -> None:
 def test_an_object_left_out_vanishes_without_a_rim(photo) -> None:
     rgb, labels, coverage, background = photo
     kept = np.where(labels == 1, labels, 0).astype(np.uint16)
-    sprites = cut_sprites(rgb, kept, labels == 2, coverage, background, (0,))
+    sprites = cut_out(rgb, kept, labels == 2, coverage, background, (0,))
     [frame] = render_frames(Stage(background, sprites), trajectory([(50, 60, 0)]))
     right = np.s_[:, 75:]
     assert np.array_equal(frame.rgb[right], background[right])
@@ -97,7 +102,7 @@ def test_motion_by_a_fraction_of_a_pixel(shift: float) -> None:
     soft[soft < 0.01] = 0
     background = np.full((H, W, 3), 20, np.uint8)
     rgb = encode_u8(decode(background) * (1 - soft[..., None]) + soft[..., None] * 0.8)
-    stage = Stage(background, cut_sprites(rgb, labels, np.zeros(labels.shape, bool), soft, background, (0,)))
+    stage = Stage(background, cut_out(rgb, labels, np.zeros(labels.shape, bool), soft, background, (0,)))
     first, second = render_frames(stage, trajectory([(60, 60, 0), (60 + shift, 60 - shift / 2, 0)]))
 
     def centroid(frame):
@@ -114,7 +119,7 @@ def test_positive_angles_turn_x_towards_y() -> None:
     background = np.zeros((H, W, 3), np.uint8)
     rgb = np.where(labels[..., None] > 0, 255, background).astype(np.uint8)
     stage = Stage(
-        background, cut_sprites(rgb, labels, labels > 1, (labels > 0).astype(np.float32), background, (0,))
+        background, cut_out(rgb, labels, labels > 1, (labels > 0).astype(np.float32), background, (0,))
     )
     *_, turned = render_frames(stage, trajectory([(60, 60, 0), (60, 60, np.pi / 2)]))
     rows, columns = np.nonzero(turned.ids)
@@ -129,7 +134,7 @@ def test_blending_happens_in_linear_light() -> None:
     background = np.zeros((H, W, 3), np.uint8)
     rgb = np.where(labels[..., None] > 0, 255, background).astype(np.uint8)
     stage = Stage(
-        background, cut_sprites(rgb, labels, labels > 1, (labels > 0).astype(np.float32), background, (0,))
+        background, cut_out(rgb, labels, labels > 1, (labels > 0).astype(np.float32), background, (0,))
     )
     *_, frame = render_frames(stage, trajectory([(60, 60, 0), (60.5, 60, 0)]))
     assert abs(int(frame.rgb[60, 40, 0]) - 188) <= 1  # half the light is 188 in sRGB, not 128

@@ -8,13 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from physgen.maps import F32
-from physgen.perceive.roles import Inpaint, Mask, Rgb
+
+if TYPE_CHECKING:
+    from physgen.perceive.roles import Inpaint, Mask, Rgb
 
 ISLAND = 6  # px: gaps between objects narrower than this are mostly contact shadow
 FADE = 5.0  # px into the hole over which a difference at its border fades
@@ -179,8 +183,9 @@ def _pull_push(picture: F32, hole: Mask) -> F32:
         return picture.copy()
     h, w = (n + n % 2 for n in hole.shape)
     pad = ((0, h - hole.shape[0]), (0, w - hole.shape[1]))
-    weight = np.pad(known, pad)
-    value = np.pad(picture * known[:, :, None], (*pad, (0, 0)))
+    weight, value = known, picture * known[:, :, None]
+    if hole.shape != (h, w):
+        weight, value = np.pad(weight, pad), np.pad(value, (*pad, (0, 0)))
     half = weight.reshape(h // 2, 2, w // 2, 2).sum((1, 3))
     mean = value.reshape(h // 2, 2, w // 2, 2, -1).sum((1, 3)) / np.maximum(half, 1e-9)[:, :, None]
     coarse = _pull_push(mean.astype(np.float32), half == 0)
@@ -190,18 +195,26 @@ def _pull_push(picture: F32, hole: Mask) -> F32:
 
 @dataclass(frozen=True)
 class _Grid:
-    """One level of the multigrid: unknown pixels, and the number of neighbours of each in the picture; (H, W, 1)."""
+    """One level of the multigrid: unknown pixels, and the number of neighbours of each in the picture; (H, W).
+
+    Pictures of it are (C, H, W): a channel is a whole plane, which NumPy works on several times as fast.
+    """
 
     free: F32
     degree: F32
 
+    @cached_property
+    def damp(self) -> F32:
+        """Share of its error by which a pixel changes in a round (Jacobi)."""
+        return np.float32(0.8) * self.free / self.degree
+
     def apply(self, x: F32) -> F32:
         """Degree times x minus its neighbours; x is 0 outside the hole."""
         y = self.degree * x
-        y[1:] -= x[:-1]
-        y[:-1] -= x[1:]
         y[:, 1:] -= x[:, :-1]
         y[:, :-1] -= x[:, 1:]
+        y[:, :, 1:] -= x[:, :, :-1]
+        y[:, :, :-1] -= x[:, :, 1:]
         y *= self.free
         return y
 
@@ -210,10 +223,10 @@ def _grids(hole: Mask) -> list[_Grid]:
     grids = []
     while True:
         h, w = hole.shape
-        degree = np.full((h, w, 1), 4, np.float32)
+        degree = np.full((h, w), 4, np.float32)
         for edge in (degree[0], degree[-1], degree[:, 0], degree[:, -1]):
             edge -= 1
-        grids.append(_Grid(hole[:, :, None].astype(np.float32), np.maximum(degree, 1)))
+        grids.append(_Grid(hole.astype(np.float32), np.maximum(degree, 1)))
         if min(h, w) < 4 or not hole.any():
             return grids
         padded = np.pad(hole, ((0, h % 2), (0, w % 2)), mode="edge")
@@ -224,7 +237,7 @@ def _grids(hole: Mask) -> list[_Grid]:
 def _v_cycle(grids: list[_Grid], level: int, right: F32) -> F32:
     """An approximate solution x of `grid.apply(x) = right`, symmetric in `right`."""
     grid = grids[level]
-    damp = np.float32(0.8) * grid.free / grid.degree
+    damp = grid.damp
     x = damp * right
     coarsest = level == len(grids) - 1
     rounds = 8 if coarsest else 1
@@ -233,11 +246,12 @@ def _v_cycle(grids: list[_Grid], level: int, right: F32) -> F32:
     if coarsest:
         return x
     rest = right - grid.apply(x)
-    h, w, _ = rest.shape
-    rest = np.pad(rest, ((0, h % 2), (0, w % 2), (0, 0)))
-    down = (rest[::2, ::2] + rest[::2, 1::2] + rest[1::2, ::2] + rest[1::2, 1::2]) * grids[level + 1].free
-    up = np.repeat(np.repeat(_v_cycle(grids, level + 1, down), 2, axis=0), 2, axis=1)
-    x += up[:h, :w] * grid.free
+    _, h, w = rest.shape
+    if h % 2 or w % 2:
+        rest = np.pad(rest, ((0, 0), (0, h % 2), (0, w % 2)))
+    down = rest[:, ::2, ::2] + rest[:, ::2, 1::2] + rest[:, 1::2, ::2] + rest[:, 1::2, 1::2]
+    up = _v_cycle(grids, level + 1, down * grids[level + 1].free).repeat(2, axis=1).repeat(2, axis=2)
+    x += up[:, :h, :w] * grid.free
     for _ in range(rounds + 1):
         x += damp * (right - grid.apply(x))
     return x
@@ -245,12 +259,12 @@ def _v_cycle(grids: list[_Grid], level: int, right: F32) -> F32:
 
 def _dot(a: F32, b: F32) -> NDArray[np.float64]:
     """(C,): the sum of products over the picture, channel by channel."""
-    return np.asarray([np.multiply(a[..., k], b[..., k]).sum(dtype=np.float64) for k in range(a.shape[2])])
+    return np.asarray([plane.sum(dtype=np.float64) for plane in a * b])
 
 
 def _solve(start: F32, hole: Mask, tolerance: float, max_iterations: int = 60) -> F32:
-    """`start` changed inside `hole` until every pixel there is the mean of its neighbours."""
-    values = start.copy()
+    """`start` (H, W, C) changed inside `hole` until every pixel there is the mean of its neighbours."""
+    values = np.ascontiguousarray(np.moveaxis(start, 2, 0))
     grids = _grids(hole)
     fine = grids[0]
     rest = -_Grid(np.ones_like(fine.free), fine.degree).apply(values) * fine.free
@@ -263,10 +277,10 @@ def _solve(start: F32, hole: Mask, tolerance: float, max_iterations: int = 60) -
         q = fine.apply(p)
         pq = _dot(p, q)
         step = np.where(pq > 0, rz / np.where(pq > 0, pq, 1), 0).astype(np.float32)
-        values += step * p
-        rest -= step * q
+        values += step[:, None, None] * p
+        rest -= step[:, None, None] * q
         z = _v_cycle(grids, 0, rest)
         new = _dot(rest, z)
-        p = z + np.where(rz > 0, new / np.where(rz > 0, rz, 1), 0).astype(np.float32) * p
+        p = z + np.where(rz > 0, new / np.where(rz > 0, rz, 1), 0).astype(np.float32)[:, None, None] * p
         rz = new
-    return np.where(hole[:, :, None], values, start)
+    return np.where(hole[:, :, None], np.moveaxis(values, 0, 2), start)
