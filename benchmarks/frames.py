@@ -188,7 +188,9 @@ class TimedSolver:
         self.seconds += time.perf_counter() - begun
 
 
-READERS = SimpleNamespace(new=CFFI.new, addressof=lambda _, name: CFFI.addressof(CHIPMUNK, name))
+READERS = SimpleNamespace(
+    new=CFFI.new, buffer=CFFI.buffer, addressof=lambda _, name: CFFI.addressof(CHIPMUNK, name)
+)
 """CFFI, which takes addresses from Chipmunk itself alone."""
 
 

@@ -122,29 +122,34 @@ def _swept(
     matrix: Array, before: Array, elasticity: list[float], friction: list[float], exact: float
 ) -> tuple[Array, int]:
     """Projected Gauss-Seidel to the last digits: no pull, the wanted rebound, friction within its cone."""
-    speed, impulse = before.copy(), [0.0] * len(before)
-    columns = np.ascontiguousarray(matrix.T)
-    give = [1.0 / max(float(d), 1e-300) for d in np.diag(matrix)]
-    goals = [-e * min(float(v), 0.0) for e, v in zip(elasticity, before[::2], strict=True)]
+    speed = before.tolist()
+    impulse, give = [0.0] * len(speed), [1.0 / max(d, 1e-300) for d in np.diag(matrix).tolist()]
+    goals = [-e * min(v, 0.0) for e, v in zip(elasticity, speed[::2], strict=True)]
+    columns: list[list[tuple[int, float]]] = [[] for _ in speed]  # a point changes the speeds of few others
+    rows, by = np.nonzero(matrix)
+    for row, one, value in zip(rows.tolist(), by.tolist(), matrix[rows, by].tolist(), strict=True):
+        columns[one].append((row, value))
     passes = 0
     for _ in range(TUNING.sweeps if exact < 1e-6 else TUNING.few):
         passes += 1
         change = size = 0.0
         for i, (goal, mu) in enumerate(zip(goals, friction, strict=True)):
             n, t = 2 * i, 2 * i + 1
-            new = max(0.0, impulse[n] + (goal - float(speed[n])) * give[n])
+            new = max(0.0, impulse[n] + (goal - speed[n]) * give[n])
             step = new - impulse[n]
             if step:
-                speed += step * columns[n]
                 impulse[n] = new
+                for k, value in columns[n]:
+                    speed[k] += step * value
             change, size = max(change, abs(step)), max(size, new)
             if mu > 0:
                 edge = mu * new
-                new = min(edge, max(-edge, impulse[t] - float(speed[t]) * give[t]))
+                new = min(edge, max(-edge, impulse[t] - speed[t] * give[t]))
                 step = new - impulse[t]
                 if step:
-                    speed += step * columns[t]
                     impulse[t] = new
+                    for k, value in columns[t]:
+                        speed[k] += step * value
                 change = max(change, abs(step))
         if change <= exact * size:
             break

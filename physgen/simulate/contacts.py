@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from functools import lru_cache
 from math import hypot, isnan
 from struct import Struct
 
@@ -59,15 +61,16 @@ def touching(words: bytes, numbers: bytes | None) -> Touching:
     )
 
 
-def contact_keys(words: bytes) -> list[int]:
-    """One number for the partners and the count of points of each contact."""
-    ints = np.frombuffer(words, np.int64).reshape(-1, WORDS)
-    keys: list[int] = ((ints[:, 0] << 32 | ints[:, 1]) << 2 | ints[:, 2]).tolist()
-    return keys
+@lru_cache(maxsize=1024)
+def new_contacts(words: bytes, before: bytes) -> Sequence[int]:
+    """Rows of contacts whose partners and count of points are not among those before; few lists come again often."""
+    known = {before[k : k + CONTACT_BYTES] for k in range(0, len(before), CONTACT_BYTES)}
+    starts = range(0, len(words), CONTACT_BYTES)
+    return [k for k, start in enumerate(starts) if words[start : start + CONTACT_BYTES] not in known]
 
 
 def any_closes(
-    words: bytes, numbers: bytes, rows: list[int], pose: Array, velocity: Array, threshold: float
+    words: bytes, numbers: bytes, rows: Sequence[int], pose: Array, velocity: Array, threshold: float
 ) -> bool:
     """Whether a point of the contacts in `rows` closes faster than `threshold` px/s, to the bit as `contact_points`."""
     for k in rows:

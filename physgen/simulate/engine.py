@@ -27,10 +27,10 @@ from physgen.simulate.contacts import (
     ContactProperties,
     Touching,
     any_closes,
-    contact_keys,
     contact_places,
     contact_points,
     contacts_jumped,
+    new_contacts,
     touching,
 )
 from physgen.simulate.forces import (
@@ -387,7 +387,8 @@ class Stepper:
             leap = self._cornered and contacts_jumped(contact_places(numbers), self._places)
             surprise = self.suspicious or leap
             # the last try is taken as it comes: what still closes then does not bounce
-            if attempt < ATTEMPTS - 1 and (surprise or words != self._words):
+            unknown = surprise or first or (words != self._words and new_contacts(words, self._words))
+            if attempt < ATTEMPTS - 1 and unknown:
                 if state is None:
                     state = self.state().copy()
                 after = np.frombuffer(states, np.float64).reshape(M, 6)
@@ -461,8 +462,7 @@ class Stepper:
         wide, fast = self._wide, self._fast
         wide[self._space.moving], fast[self._space.moving] = pose, velocity
         if not surprise and not first:
-            known = set(contact_keys(self._words))
-            new = [k for k, contact in enumerate(contact_keys(words)) if contact not in known]
+            new = new_contacts(words, self._words)
             if len(new) <= FEW and not any_closes(words, numbers, new, wide, fast, threshold):
                 return None
         touch = touching(words, numbers)

@@ -77,20 +77,21 @@ class Table:
         self.busy = bool(world.press > 0 and (on & ((grip > 0) | (ball & (rolling > 0)))).any())
         self._balls = np.flatnonzero(on & ball)
         self._discs = np.flatnonzero(on & ~ball & (grip > 0))
-        self._grip = grip * world.press
-        """(N,) px/s²: deceleration of what slides without spinning."""
-        self._mass = np.array([b.mass for b in bodies]).reshape(-1)
-        self._moment = np.array([b.moment for b in bodies]).reshape(-1)
-        self._patch = np.array([b.patch for b in bodies]).reshape(-1)
+        mass, moment, patch = np.array([(b.mass, b.moment, b.patch) for b in bodies]).reshape(-1, 3).T
+        ring = np.array([b.solid is Solid.HOOP for b in bodies], bool).reshape(-1)
+        self._of_discs = tuple(
+            values[self._discs] for values in (grip * world.press, mass, patch, moment, ring)
+        )
+        """(D,) each; the first, px/s², is the deceleration of what slides without spinning."""
+        self._ringed = bool(ring[self._discs].any())
         k = self._balls
-        m, inertia = self._mass[k], self._moment[k]
+        m, inertia = mass[k], moment[k]
         r = np.array([b.radius or 0.0 for b in bodies]).reshape(-1)[k]
         share = m * r**2 / np.maximum(inertia, 1e-300)  # of a solid sphere 5/2
         self._r, self._lever, self._yield = r, share / np.maximum(r, 1e-300), 1 / (1 + share)
-        self._brake, slow = self._grip[k], rolling[k] * world.press / np.maximum(r, 1e-300)
+        self._brake, slow = grip[k] * world.press, rolling[k] * world.press / np.maximum(r, 1e-300)
         self._lost_sliding, self._lost_rolling = slow * share, slow * share / (1 + share)
         self._resists = bool(slow.any())
-        self._ring = np.array([b.solid is Solid.HOOP for b in bodies], bool).reshape(-1)
 
     def kick(self, velocity: Array, roll: Array, h: float) -> tuple[Array, Array]:
         """Changes of velocity (N, 3) and roll (N, 2) in h seconds; velocity holds all other forces' doing already."""
@@ -111,30 +112,29 @@ class Table:
 
     def _slide(self, velocity: Array, h: float, at: Array | None = None) -> Array:
         """(D, 3): change by friction as it is at the velocity `at`; never beyond rest."""
-        on, at = self._discs, velocity if at is None else at
-        speed, rim = np.hypot(at[:, 0], at[:, 1]), self._patch[on] * np.abs(at[:, 2])
-        ratio = np.arctan2(speed, rim)
+        at = velocity if at is None else at
+        grip, mass, patch, moment, ring = self._of_discs
+        ratio = np.arctan2(np.hypot(at[:, 0], at[:, 1]), patch * np.abs(at[:, 2]))
         nodes, force, torque = _shares(False)
         pull, twist = np.interp(ratio, nodes, force), np.interp(ratio, nodes, torque)
-        if self._ring[on].any():
+        if self._ringed:
             nodes, force, torque = _shares(True)
-            ring = self._ring[on]
             pull = np.where(ring, np.interp(ratio, nodes, force), pull)
             twist = np.where(ring, np.interp(ratio, nodes, torque), twist)
         change = np.empty_like(velocity)
-        now = np.hypot(velocity[:, 0], velocity[:, 1])
+        now, spins = np.hypot(velocity[:, 0], velocity[:, 1]), np.abs(velocity[:, 2])
         # the direction is that of the motion; nothing is turned round by friction
-        brake = np.minimum(pull * self._grip[on] * h, now)
+        brake = np.minimum(pull * grip * h, now)
         change[:, :2] = -(brake / np.maximum(now, 1e-300))[:, None] * velocity[:, :2]
-        spin = twist * self._grip[on] * self._mass[on] * self._patch[on] / self._moment[on] * h
-        change[:, 2] = -np.sign(velocity[:, 2]) * np.minimum(spin, np.abs(velocity[:, 2]))
+        spin = twist * grip * mass * patch / moment * h
+        change[:, 2] = -np.sign(velocity[:, 2]) * np.minimum(spin, spins)
         # less than a step before both end, they end
-        left = now <= self._grip[on] * h
-        left &= (
-            np.abs(velocity[:, 2]) * self._moment[on] <= self._grip[on] * h * self._mass[on] * self._patch[on]
-        )
-        left &= (now + self._patch[on] * np.abs(velocity[:, 2])) <= self._grip[on] * h
-        change[left] = -velocity[left]
+        least = grip * h
+        left = now <= least
+        if left.any():
+            left &= spins * moment <= least * mass * patch
+            left &= (now + patch * spins) <= least
+            change[left] = -velocity[left]
         return change
 
     def _rolled(self, velocity: Array, roll: Array, h: float, change: Array, turned: Array) -> None:

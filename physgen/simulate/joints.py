@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import inf
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -65,20 +67,21 @@ class Assemblies:
         motor turns its two sides at its speed, with at most its limit times `strength`; None: what the pins allow now.
         """
         velocity, work, motors = velocity.copy(), 0.0, strength is not None
+        spots = _Spots(pose)
         for group, joints in sorted(self._joints.items()):
             bodies = self._members[group]
             place = {body: 3 * k for k, body in enumerate(bodies)}
-            rows, wanted, limits = [], [], []
+            rows: list[list[float]] = []
+            wanted: list[float] = []
+            limits: list[float] = []
             for joint in joints:
-                mine = _rows(joint, place, pose, 3 * len(bodies))
-                off = _error(joint, pose)
-                speed = _given(joint, place, pose, velocity)
-                for k, row in enumerate(mine):
-                    rows.append(row)
-                    wanted.append(-(off[k] / h if motors else 0.0) - speed[k])
-                    limits.append(np.inf)
+                mine = _rows(joint, place, spots, 3 * len(bodies))
+                off, speed = _error(joint, spots), _given(joint, place, spots, velocity)
+                rows += mine
+                wanted += [-(off[k] / h if motors else 0.0) - speed[k] for k in range(len(mine))]
+                limits += [inf] * len(mine)
                 if motors and joint.kind is JointKind.MOTOR:
-                    turn = np.zeros(3 * len(bodies))
+                    turn = [0.0] * (3 * len(bodies))
                     rest = 0.0
                     for body, sign in ((joint.first, 1.0), (joint.second, -1.0)):
                         if body is not None and body in place:
@@ -91,11 +94,11 @@ class Assemblies:
             J, light = np.array(rows), inverse[bodies].ravel()
             before = velocity[bodies].ravel()
             give = (J * light) @ J.T
-            give[np.diag_indices_from(give)] *= 1 + 1e-12
+            give.flat[:: len(give) + 1] *= 1 + 1e-12
             goal = np.array(wanted) - J @ before
             impulse = _solved(give, goal)
-            driven = np.isfinite(limits) & (np.abs(impulse) > limits)
-            if driven.any():
+            turned = np.array([k for k, limit in enumerate(limits) if limit < inf], np.int64)
+            if len(turned) and (driven := np.isfinite(limits) & (np.abs(impulse) > limits)).any():
                 fixed = np.where(driven, np.sign(impulse) * np.minimum(limits, np.abs(impulse)), 0.0)
                 free = ~driven
                 impulse = fixed
@@ -103,18 +106,11 @@ class Assemblies:
                     give[np.ix_(free, free)], goal[free] - give[np.ix_(free, driven)] @ fixed[driven]
                 )
             after = before + light * (J.T @ impulse)
-            mean = J @ (before + after) / 2
-            work += float((impulse * mean)[self._motor_rows(joints, motors)].sum())
+            if len(turned):
+                mean = J @ (before + after) / 2
+                work += float((impulse * mean)[turned].sum())
             velocity[bodies] = after.reshape(-1, 3)
         return velocity, work
-
-    def _motor_rows(self, joints: list[Joint], motors: bool) -> NDArray[np.bool_]:
-        """Which rows of a group's system are motors'."""
-        rows: list[bool] = []
-        for joint in joints:
-            rows += [False] * (3 if joint.kind is JointKind.WELD else 2)
-            rows += [True] * (motors and joint.kind is JointKind.MOTOR)
-        return np.array(rows, bool)
 
     def response(self, bodies: list[int], inverse: Array, pose: Array) -> Array:
         """(3n, 3n): change of the n bodies' velocities by impulses on them, while all joints hold.
@@ -123,10 +119,11 @@ class Assemblies:
         """
         place = {body: 3 * k for k, body in enumerate(bodies)}
         free = np.diag(inverse)
-        rows: list[Array] = []
+        rows: list[list[float]] = []
+        spots = _Spots(pose)
         for group in sorted({g for body in bodies if (g := self.of(body)) is not None}):
             for joint in self._joints[group]:
-                rows += _rows(joint, place, pose, 3 * len(bodies))
+                rows += _rows(joint, place, spots, 3 * len(bodies))
         if not rows:
             return free
         J = np.array(rows)
@@ -147,41 +144,53 @@ def _solved(matrix: Array, goal: Array) -> Array:
     return np.asarray(np.linalg.lstsq(matrix, goal, rcond=1e-10)[0])
 
 
-def _arm(at: Array, angle: float) -> Array:
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([c * at[0] - s * at[1], s * at[0] + c * at[1]])
+class _Spots:
+    """Where points of bodies are, in plain numbers: with a few joints arrays take longer."""
+
+    def __init__(self, pose: Array) -> None:
+        """pose (N, 3)."""
+        self.pose: list[list[float]] = pose.tolist()
+        self._cosines: list[float] = np.cos(pose[:, 2]).tolist()
+        self._sines: list[float] = np.sin(pose[:, 2]).tolist()
+
+    def arm(self, body: int, at: Array) -> tuple[float, float]:
+        """px from a body's centre to the point `at` (2,) of it."""
+        c, s, (x, y) = self._cosines[body], self._sines[body], at.tolist()
+        return c * x - s * y, s * x + c * y
 
 
-def _error(joint: Joint, pose: Array) -> list[float]:
+def _error(joint: Joint, spots: _Spots) -> list[float]:
     """px, px and, of a weld, rad by which a joint's two sides are apart."""
-    one = pose[joint.first, :2] + _arm(joint.first_at, pose[joint.first, 2])
-    two, angle = joint.second_at, 0.0
+    (x, y, turn), (ax, ay) = spots.pose[joint.first], spots.arm(joint.first, joint.first_at)
+    (u, v), angle = joint.second_at.tolist(), 0.0
     if joint.second is not None:
-        two = pose[joint.second, :2] + _arm(joint.second_at, pose[joint.second, 2])
-        angle = float(pose[joint.second, 2])
-    return [*(one - two).tolist(), float(pose[joint.first, 2]) - angle]
+        (u, v, angle), (bx, by) = spots.pose[joint.second], spots.arm(joint.second, joint.second_at)
+        u, v = u + bx, v + by
+    return [x + ax - u, y + ay - v, turn - angle]
 
 
-def _given(joint: Joint, place: dict[int, int], pose: Array, velocity: Array) -> list[float]:
+def _given(joint: Joint, place: dict[int, int], spots: _Spots, velocity: Array) -> list[float]:
     """The part of a joint's relative velocity that scripted partners bring."""
-    total = np.zeros(3)
+    total = [0.0, 0.0, 0.0]
     for body, at, sign in ((joint.first, joint.first_at, 1.0), (joint.second, joint.second_at, -1.0)):
         if body is not None and body not in place:
-            arm, (vx, vy, spin) = _arm(at, pose[body, 2]), velocity[body]
-            total += sign * np.array([vx - spin * arm[1], vy + spin * arm[0], spin])
-    return total.tolist()
+            (x, y), (vx, vy, spin) = spots.arm(body, at), velocity[body].tolist()
+            total = [
+                total[0] + sign * (vx - spin * y), total[1] + sign * (vy + spin * x), total[2] + sign * spin
+            ]  # fmt: skip
+    return total
 
 
-def _rows(joint: Joint, place: dict[int, int], pose: Array, size: int) -> list[Array]:
+def _rows(joint: Joint, place: dict[int, int], spots: _Spots, size: int) -> list[list[float]]:
     """Velocities that a joint keeps at nothing: of one side's pin against the other's, and of their turning."""
-    rows = [np.zeros(size) for _ in range(3 if joint.kind is JointKind.WELD else 2)]
+    rows = [[0.0] * size for _ in range(3 if joint.kind is JointKind.WELD else 2)]
     for body, at, sign in ((joint.first, joint.first_at, 1.0), (joint.second, joint.second_at, -1.0)):
         if body is None or body not in place:
             continue
         k = place[body]
-        c, s = np.cos(pose[body, 2]), np.sin(pose[body, 2])
-        rows[0][k], rows[0][k + 2] = sign, -sign * (s * at[0] + c * at[1])
-        rows[1][k + 1], rows[1][k + 2] = sign, sign * (c * at[0] - s * at[1])
+        x, y = spots.arm(body, at)
+        rows[0][k], rows[0][k + 2] = sign, -sign * y
+        rows[1][k + 1], rows[1][k + 2] = sign, sign * x
         if len(rows) == 3:
             rows[2][k + 2] = sign
     return rows

@@ -32,8 +32,9 @@ STRAIGHT = 0.999
 
 MOST_ORDERS = 1000
 """Lists of contacts whose order is remembered."""
-Order = tuple[Index, list[tuple[int, int]], bytes]
-"""(K,) the order of contacts by pairs and counts, runs that are alike in both, and the words in that order."""
+Order = tuple[Index, list[tuple[int, int]], Index, bytes]
+"""(K,) the order of contacts by pairs and counts, runs that are alike in both, all of each run but its first, and the
+words in that order; an order that changes nothing is empty."""
 _PLACE = [4, 5, 9, 10, 0, 1, 2, 3]
 """Numbers of a contact by which those of one pair are sorted: points on both bodies, impulse, normal."""
 _STATE = BodyFields.POSITION | BodyFields.ANGLE | BodyFields.VELOCITY | BodyFields.ANGULAR_VELOCITY
@@ -76,8 +77,8 @@ class Space:
         """(M,): bodies that the state lists, in order."""
         M = len(self.moving)
         self._states, self._contacts = batch.Buffer(), batch.Buffer()
-        self._read_states = _reader(space, "pmSpaceBodyGetIteratorFuncBatched", _STATE, self._states)
-        self._read_contacts = _reader(space, "pmSpaceArbiterIteratorFuncBatched", _CONTACT, self._contacts)
+        self._read_states = _batched(space, "pmSpaceBodyGetIteratorFuncBatched", _STATE, self._states)
+        self._read_contacts = _batched(space, "pmSpaceArbiterIteratorFuncBatched", _CONTACT, self._contacts)
         # the batch functions go through the bodies that move in the order they were added, then the static ones
         still = [b.center for b in world.bodies if b.motion is Motion.STATIC] + [np.zeros(2)] * (
             len(walls) + 1
@@ -88,47 +89,61 @@ class Space:
         if M:
             self._place_buffer.set_float_buf(self._placing)
             self._push_buffer.set_float_buf(self._pushing)
+        writer = "pmSpaceBodySetIteratorFuncBatched"
+        self._write_states = _batched(space, writer, _STATE, self._place_buffer)
+        self._write_loads = _batched(space, writer, _LOAD, self._push_buffer)
         self._brakes: dict[Pair, pymunk.SimpleMotor] = {}
+        self._sweeps = int(space.iterations)
         self._orders: dict[bytes, Order] = {}
         """By contacts as pymunk lists them: few lists come again and again."""
 
     @property
     def iterations(self) -> int:
         """Sweeps of the contact solver a step."""
-        return int(self._space.iterations)
+        return self._sweeps
 
     @iterations.setter
     def iterations(self, count: int) -> None:
-        self._space.iterations = count
+        if count != self._sweeps:
+            self._space.iterations = self._sweeps = count
 
     def step(self, h: float) -> tuple[bytes, bytes, bytes]:
         """Move by the velocities, then find contacts and change the velocities; states, contact words and numbers."""
-        lib.cpSpaceStep(self._space._space, h)  # what pymunk does around it takes as long as a small step
-        self._states.clear()
+        # what pymunk does around these calls takes as long as a small step
+        lib.cpSpaceStep(self._read_states[0], h)
+        states, words, numbers = self._states._float_arr, self._contacts._int_arr, self._contacts._float_arr
+        states.num = words.num = numbers.num = 0
         lib.cpSpaceEachBody(*self._read_states)
-        self._contacts.clear()
         lib.cpSpaceEachCachedArbiter(*self._read_contacts)
-        return (bytes(self._states.float_buf()[: 48 * len(self.moving)]), *self._in_order())
+        moved: bytes = ffi.buffer(states.arr, 48 * len(self.moving))[:]
+        if not words.num:
+            return moved, b"", b""
+        return (
+            moved,
+            *self._in_order(
+                ffi.buffer(words.arr, 8 * words.num)[:], ffi.buffer(numbers.arr, 8 * numbers.num)[:]
+            ),
+        )
 
-    def _in_order(self) -> tuple[bytes, bytes]:
+    def _in_order(self, listed: bytes, numbers: bytes) -> tuple[bytes, bytes]:
         """Contacts by bodies and places; pymunk's ids and order are those of memory addresses."""
-        listed = bytes(self._contacts.int_buf())
-        if not listed:
-            return b"", b""
-        rows = np.frombuffer(self._contacts.float_buf()).reshape(-1, NUMBERS)
         if listed not in self._orders:
             if len(self._orders) >= MOST_ORDERS:
                 self._orders.clear()
             self._orders[listed] = self._order(listed)
-        order, alike, words = self._orders[listed]
+        order, alike, later, words = self._orders[listed]
+        if not len(order):
+            return words, numbers
+        rows = np.frombuffer(numbers).reshape(-1, NUMBERS)
         in_order = rows.take(order, axis=0)
-        for start, end in alike:
+        if len(later):
             # most lists come in the order of the last one; only places that tie need more than the first number
-            first = in_order[start:end, _PLACE[0]]
-            if (first[1:] <= first[:-1]).any():
+            first = in_order[:, _PLACE[0]]
+            if (first[later] <= first[later - 1]).any():
                 places = rows[:, _PLACE].tolist()
-                order[start:end] = sorted(order[start:end].tolist(), key=places.__getitem__)
-                in_order[start:end] = rows[order[start:end]]
+                for start, end in alike:
+                    order[start:end] = sorted(order[start:end].tolist(), key=places.__getitem__)
+                in_order = rows.take(order, axis=0)
         return words, in_order.tobytes()
 
     def _order(self, listed: bytes) -> Order:
@@ -140,7 +155,10 @@ class Space:
         ends = [*(np.flatnonzero(np.diff(key[order])) + 1).tolist(), len(order)]
         # several pieces or segments, of which some touch at one and the same corner
         alike = [(start, end) for start, end in pairwise([0, *ends]) if end > start + 1]
-        return order, alike, words[order].tobytes()
+        later = np.array([k for start, end in alike for k in range(start + 1, end)], np.int64)
+        if not alike and (order[1:] > order[:-1]).all():
+            return later, alike, later, words.tobytes()
+        return order, alike, later, words[order].tobytes()
 
     def weaken(self, part: float) -> None:
         """Let gravity act with a part of its strength."""
@@ -150,13 +168,15 @@ class Space:
         """Set positions and velocities, (M, 6)."""
         self._placing[: len(state)] = state
         if len(state):
-            batch.set_space_bodies(self._space, _STATE, self._place_buffer)
+            self._place_buffer._float_arr.num = 0  # as pymunk does: from the first number on
+            lib.cpSpaceEachBody(*self._write_states)
 
     def push(self, load: Array) -> None:
         """Forces and torques for the next step, (M, 3): g·px/s², g·px/s², g·px²/s²."""
         self._pushing[: len(load)] = load
         if len(load):
-            batch.set_space_bodies(self._space, _LOAD, self._push_buffer)
+            self._push_buffer._float_arr.num = 0
+            lib.cpSpaceEachBody(*self._write_loads)
 
     def brake(self, key: Pair, torque: float) -> None:
         """Let a torque of at most so much resist the turning of one body against another or the world."""
@@ -173,8 +193,8 @@ class Space:
         return {key: float(motor.impulse) for key, motor in self._brakes.items()}
 
 
-def _reader(space: pymunk.Space, name: str, fields: Flag, buffer: batch.Buffer) -> tuple[Any, Any, Any]:
-    """What `pymunk.batch` hands to Chipmunk to read some fields of all bodies, or of all contacts, into a buffer."""
+def _batched(space: pymunk.Space, name: str, fields: Flag, buffer: batch.Buffer) -> tuple[Any, Any, Any]:
+    """What `pymunk.batch` hands to Chipmunk to read or set some fields of all bodies, or of all contacts."""
     request = ffi.new("pmBatchedData *")
     request.fields, request.floatArray, request.intArray = fields.value, buffer._float_arr, buffer._int_arr
     return space._space, ffi.addressof(lib, name), request
