@@ -15,15 +15,11 @@ import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from enum import Enum
-from functools import cached_property, lru_cache
+from functools import cached_property
 from hashlib import sha256
 from math import prod
 from pathlib import Path
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from physgen.batch.axes import Axis, Drawn, Listed, same_key
 from physgen.batch.run import Done
@@ -53,15 +49,6 @@ NOT_OURS = "is there already and was not made by physgen"
 NOT_OURS_FIX = "move it away, or choose another folder with -o"
 
 
-class Design(Enum):
-    """How draws are distributed."""
-
-    INDEPENDENT = "independent"
-    """More draws leave the first ones as they are."""
-    LATIN = "latin"
-    """A Latin hypercube: as even as possible for each key; another number of draws is another design."""
-
-
 @dataclass(frozen=True)
 class Point:
     """One clip of a sweep."""
@@ -87,7 +74,6 @@ class Sweep:
     samples: int = 0
     """Draws at each point of the grid; 0 where no key is drawn."""
     seed: int = 0
-    design: Design = Design.INDEPENDENT
 
     def __len__(self) -> int:
         return prod(self._sizes)
@@ -128,9 +114,6 @@ class Sweep:
         for axis in self.axes:
             if isinstance(axis, Listed):
                 found.append(axis.values[next(indices)])
-            elif self.design is Design.LATIN:
-                share = latin_draw(self.seed, same_key(axis), draw_number, self.samples)
-                found.append(axis.distribution.at(share))
             else:
                 found.append(axis.distribution.at(draw(self.seed, same_key(axis), draw_number)))
         return tuple(found)
@@ -152,24 +135,11 @@ def draw(seed: int, key: str, number: int) -> float:
     return ((int.from_bytes(digest[:8], "big") >> 12) + 0.5) / 2**52
 
 
-def latin_draw(seed: int, key: str, number: int, count: int) -> float:
-    """The same as one of `count` draws of a Latin hypercube (McKay and others 1979): one in each of `count` strata."""
-    return float(_latin_column(seed, key, count)[number])
-
-
-@lru_cache(maxsize=64)
-def _latin_column(seed: int, key: str, count: int) -> NDArray[np.float64]:
-    """(count,): draws of one key; the keys are independent, so that another key changes none of them."""
-    random = np.random.default_rng(int.from_bytes(sha256(f"{seed}\n{key}".encode()).digest(), "big"))
-    return np.asarray((random.permutation(count) + random.uniform(2**-20, 1 - 2**-20, count)) / count)
-
-
 def planned(
     axes: Sequence[Axis],
     variants: Sequence[str | None] = (None,),
     samples: int | None = None,
     seed: int | None = None,
-    design: Design = Design.INDEPENDENT,
 ) -> Sweep:
     """A sweep whose parts fit together; None is an option that was not given. Raises InputError."""
     problems: list[Problem] = []
@@ -178,21 +148,16 @@ def planned(
         problems.extend(InputError.of(place, "", found, fix).problems)
 
     drawn = [axis for axis in axes if isinstance(axis, Drawn)]
-    for axis in drawn:
-        if axis.each:
-            fix = "see physgen.batch.axes.per_object"
-            wrong(str(axis.place), "stands for several keys, which have not been resolved", fix)
     if drawn and samples is None:
         wrong(str(drawn[0].place), "is a distribution without a number of draws", "add e.g. --samples 100")
     if not drawn:
         fix = "give a key a distribution, e.g. 'objects.ball.mass=~uniform(100, 200)'"
-        flags = (("--samples", samples), ("--seed", seed), ("--latin", design is Design.LATIN or None))
-        for flag, given in flags:
+        for flag, given in (("--samples", samples), ("--seed", seed)):
             if given is not None:
                 wrong(flag, "has nothing to draw", fix)
     if not axes and len(variants) == 1:
         wrong("sweep", "has no keys to vary", "write e.g. objects.ball.mass=100:900:9, or --variant all")
-    sweep = Sweep(tuple(axes), tuple(variants), (samples or 0) if drawn else 0, seed or 0, design)
+    sweep = Sweep(tuple(axes), tuple(variants), (samples or 0) if drawn else 0, seed or 0)
     count = prod(sweep._sizes)
     if count > MAX_CLIPS:
         found = " x ".join(f"{size:,}" for size in sweep._sizes if size > 1) + f" are {count:,} clips"
@@ -332,7 +297,6 @@ def _settings(sweep: Sweep) -> dict[str, Any]:
         "variants": list(sweep.variants),
         "samples": sweep.samples,
         "seed": sweep.seed,
-        "design": sweep.design.value,
     }
 
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
-from math import erfc, exp, inf, isfinite, log, sqrt
+from math import exp, isfinite, log
 from pathlib import Path
 from statistics import NormalDist
 from typing import Any
@@ -22,20 +22,16 @@ MAX_COUNT = 100_000
 """Values of a range."""
 EXACT_INT = 2**53
 """From here on a float does not hold every whole number."""
-MIN_SHARE = 1e-9
-"""Of a normal distribution that must lie between its bounds: floats resolve less too coarsely."""
 EXAMPLES = {
     "uniform": "~uniform(0.2, 0.9)",
     "loguniform": "~loguniform(1, 1000)",
     "normal": "~normal(200, 15)",
-    "integers": "~integers(1, 6)",
     "choice": "~choice(disc, hoop)",
 }
 NO_LOGARITHM = "has no logarithm: 0 lies between its ends, or is one"
 _CALL = re.compile(r"~\s*(\w*)\s*(?:\((.*)\))?", re.DOTALL).fullmatch
 _RANGE = re.compile(r"[-+.\d][^:\s]*(?::[^:\s]*)+").fullmatch
 _DECIMAL = re.compile(r"[-+]?(?:\d{1,40}(?:\.\d{0,40})?|\.\d{1,40})(?:[eE][-+]?\d{1,3})?").fullmatch
-_NORMAL = NormalDist()
 
 
 class ValueTextError(ValueError):
@@ -160,7 +156,7 @@ class Distribution:
     name: str
     """One of EXAMPLES."""
     numbers: tuple[float, ...] = ()
-    """Both ends; of a normal distribution its mean, its standard deviation, and its bounds."""
+    """Both ends; of a normal distribution its mean and its standard deviation."""
     values: tuple[Value, ...] = ()
     """Of a choice; a repeated value is drawn more often."""
 
@@ -168,22 +164,12 @@ class Distribution:
         """The quantile: the value below which that share of draws lies, 0 < share < 1."""
         if self.name == "choice":
             return self.values[int(share * len(self.values))]
-        low, high, *bounds = self.numbers
-        if self.name == "integers":
-            return number_value(min(int(low) + int(share * (high - low + 1)), int(high)))
+        low, high = self.numbers
         if self.name == "uniform":
             return number_value(low + share * (high - low))
         if self.name == "loguniform":
             return number_value(_log_between(low, high, share))
-        begin, end = _shares(low, high, bounds)
-        z = _NORMAL.inv_cdf(min(max(begin + (end - begin) * share, 1e-320), 1 - 2**-53))
-        return number_value(min(max(low + high * z, bounds[0]), bounds[1]))
-
-
-def _shares(mean: float, deviation: float, bounds: Sequence[float]) -> tuple[float, float]:
-    """Shares of a normal distribution that lie below both bounds."""
-    begin, end = (0.5 * erfc((mean - bound) / deviation / sqrt(2)) for bound in bounds)
-    return begin, end
+        return number_value(NormalDist(low, high).inv_cdf(share))
 
 
 def read_distribution(text: str) -> Distribution:
@@ -199,9 +185,7 @@ def read_distribution(text: str) -> Distribution:
         found = Distribution(name, values=tuple(map(_read_value, parts)))
         fault = "has not two values to choose from" if len(parts) < 2 else ""
     else:
-        bare = [part.replace(".inf", "inf") for part in parts]
-        numbers = tuple(float(part) for part in bare if _DECIMAL(part) or part.lstrip("+-") == "inf")
-        found = Distribution(name, numbers + (-inf, inf) * (name == "normal" and len(numbers) == 2))
+        found = Distribution(name, tuple(float(part) for part in parts if _DECIMAL(part)))
         fault = _fault(found, len(parts))
     if fault:
         raise ValueTextError(fault, f"write e.g. {EXAMPLES[name]}")
@@ -212,16 +196,11 @@ def _fault(found: Distribution, parts: int) -> str:
     """What is wrong with the numbers of a distribution that was written with so many parts."""
     numbers = found.numbers
     if found.name == "normal":
-        if len(numbers) != 4 or parts not in (2, 4) or not all(map(isfinite, numbers[:2])):
-            return "does not hold a mean, a standard deviation, and two bounds or none"
-        if numbers[1] <= 0:
-            return f"has a standard deviation of {numbers[1]:g}"
-        begin, end = _shares(numbers[0], numbers[1], numbers[2:])
-        return "" if end - begin > MIN_SHARE else "has bounds between which nothing is drawn"
+        if len(numbers) != 2 or parts != 2 or not all(map(isfinite, numbers)):
+            return "does not hold a mean and a standard deviation"
+        return "" if numbers[1] > 0 else f"has a standard deviation of {numbers[1]:g}"
     if len(numbers) != 2 or parts != 2 or not all(map(isfinite, (*numbers, numbers[1] - numbers[0]))):
         return "does not hold two numbers"
     if numbers[0] >= numbers[1]:
         return "goes down, or nowhere"
-    if found.name == "integers" and (any(end % 1 for end in numbers) or max(map(abs, numbers)) > 2**50):
-        return "does not hold whole numbers"
     return NO_LOGARITHM if found.name == "loguniform" and numbers[0] * numbers[1] <= 0 else ""

@@ -17,10 +17,8 @@ from physgen.problems import InputError, Place, Problem
 from physgen.text import listed, nearest
 
 if TYPE_CHECKING:
-    from physgen.batch.axes import Axis
     from physgen.batch.run import Job
     from physgen.batch.sweep import Point, Sweep
-    from physgen.scene.load import Opened
 
 
 MOST_TRACKED = 32
@@ -28,15 +26,14 @@ MOST_TRACKED = 32
 
 
 def sweep(options: argparse.Namespace) -> int:
-    from physgen.batch.sweep import Design, check_values, planned
+    from physgen.batch.axes import read_axes
+    from physgen.batch.sweep import check_values, planned
     from physgen.scene.load import Opened
 
     _scene_first(options)
-    design = Design.LATIN if options.latin else Design.INDEPENDENT
     opened = Opened(Path(options.scene), options.allow_outside)
     variants = [None, *opened.variants] if options.variant == "all" else [options.variant]
-    axes = _axes(opened, variants, options)
-    plan = planned(axes, variants, options.samples, options.seed, design)
+    plan = planned(read_axes(options.axes), variants, options.samples, options.seed)
     objects = check_values(plan, opened, options.set)
     return _listed(plan, options) if options.dry_run else _made(plan, objects, options)
 
@@ -46,16 +43,6 @@ def _scene_first(options: argparse.Namespace) -> None:
     if "=" in options.scene and not Path(options.scene).exists():
         fix = "the scene comes first: physgen sweep scene.yaml KEY=VALUES"
         raise InputError.of(options.scene, "", "is no scene file", fix)
-
-
-def _axes(opened: Opened, variants: Sequence[str | None], options: argparse.Namespace) -> tuple[Axis, ...]:
-    """The axes; those with separate draws for each object are expanded by the scene."""
-    from physgen.batch.axes import Drawn, per_object, read_axes
-
-    axes = read_axes(options.axes)
-    if not any(isinstance(axis, Drawn) and axis.each for axis in axes):
-        return axes
-    return per_object(axes, [opened.scene(options.set, variant).document for variant in variants])
 
 
 def _listed(plan: Sweep, options: argparse.Namespace) -> int:
@@ -146,16 +133,13 @@ def add(parser: Parser) -> None:
     parser.add_argument("scene", metavar="SCENE", help="a scene file")
     about = (
         "start:end:count (count:log for a geometric series), YAML values separated by commas, or a distribution, "
-        "quoted: ~uniform(a, b), ~loguniform(a, b), ~normal(mean, sd) or ~normal(mean, sd, low, high), "
-        "~integers(a, b), ~choice(a, b, ...); ~each uniform(a, b) draws separately for each object that * stands for. "
+        "quoted: ~uniform(a, b), ~loguniform(a, b), ~normal(mean, sd), ~choice(a, b, ...). "
         "Values of several keys make a grid"
     )
     parser.add_argument("axes", metavar="KEY=VALUES", nargs="*", help=about)
     about = "draws of the distributions, at each point of the grid"
     parser.option("--samples", "N", number_of_clips, about)
     parser.option("--seed", "S", seed, "seed of the draws; default: 0")
-    about = "Latin hypercube: the N draws of each key fall into N equally likely strata, one in each"
-    parser.flag("--latin", about)
     parser.flag("--dry-run", "print the clips as CSV, or with --json as lines, and render nothing")
     about = "objects with outcomes of their own in the table; default: all, if there are at most 32"
     parser.option("--track", "NAMES", names, about)

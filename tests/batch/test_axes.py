@@ -11,8 +11,8 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from physgen.batch.axes import Listed, per_object, read_axes
-from physgen.batch.sweep import Design, planned
+from physgen.batch.axes import Listed, read_axes
+from physgen.batch.sweep import planned
 from physgen.problems import InputError
 
 
@@ -145,6 +145,11 @@ def test_anything_is_read_or_refused_in_one_line(text: str) -> None:
             "a.b=~uniform(2,1): goes down, or nowhere; write e.g. ~uniform(0.2, 0.9)",
         ),
         (
+            ["a.b=~normal(1,2,0,9)"],
+            "a.b=~normal(1,2,0,9): does not hold a mean and a standard deviation; write e.g. ~normal(200, 15)",
+        ),
+        (["a.b=~each uniform(1,2)"], "a.b=~each uniform(1,2): names no distribution; write ~uniform(0.2, 0.9), "),
+        (
             ["a.b=~normal(1,-1)"],
             "a.b=~normal(1,-1): has a standard deviation of -1; write e.g. ~normal(200, 15)",
         ),
@@ -179,8 +184,8 @@ def test_what_is_wrong_is_told_with_the_way_out(arguments: list[str], message: s
 
 
 def test_flags_of_draws_without_draws_are_told() -> None:
-    told = said("a.b=1,2", samples=10, seed=1, design=Design.LATIN)
-    assert [line.partition(":")[0] for line in told] == ["--latin", "--samples", "--seed"]
+    told = said("a.b=1,2", samples=10, seed=1)
+    assert [line.partition(":")[0] for line in told] == ["--samples", "--seed"]
     assert all("has nothing to draw" in line for line in told)
 
 
@@ -205,60 +210,3 @@ def test_overrides_say_exactly_the_value() -> None:
         for text, value in zip(point.overrides, point.values, strict=True):
             assert yaml.safe_load(text.partition("=")[2]) in (value.data, value.text)
             assert math.isclose(float(text.partition("=")[2]), value.data, rel_tol=0)
-
-
-SCENE = {
-    "objects": {"ball": {"mass": 1, "velocity": [0, 0]}, "crate": {"mass": 2, "velocity": [0, 0]}},
-    "boundaries": {"floor": {"friction": 0.5}},
-    "forces": [{"object": "ball", "impulse": [1, 0]}, {"object": "crate", "impulse": [2, 0]}],
-}
-
-
-def expanded(*arguments: str, scenes: tuple[Any, ...] = (SCENE,)) -> list[str]:
-    return [axis.argument for axis in per_object(read_axes(arguments), scenes)]
-
-
-def message(*arguments: str, **more: Any) -> str:
-    with pytest.raises(InputError) as caught:
-        expanded(*arguments, **more)
-    [problem] = caught.value.problems
-    return str(problem)
-
-
-def test_wildcards_match_what_the_scene_has() -> None:
-    assert expanded("objects.*.mass=~each normal(5, 1, 0, inf)", "a.b=1,2") == [
-        "objects.ball.mass=~normal(5, 1, 0, inf)",
-        "objects.crate.mass=~normal(5, 1, 0, inf)",
-        "a.b=1,2",
-    ]
-    assert expanded("objects.*.velocity.0= ~ each uniform(1, 2)") == [
-        "objects.ball.velocity.0=~uniform(1, 2)",
-        "objects.crate.velocity.0=~uniform(1, 2)",
-    ]
-    assert expanded("forces[*].impulse[*]=~each uniform(1, 2)") == [
-        f"forces[{force}].impulse[{axis}]=~uniform(1, 2)" for force in (0, 1) for axis in (0, 1)
-    ]
-    assert expanded("objects.*.rolling=~each uniform(0, 1)")  # a key that is not written yet
-
-
-def test_keys_of_later_axes_are_not_drawn() -> None:
-    assert expanded("objects.*.mass=~each uniform(1, 2)", "objects.ball.mass=7,8") == [
-        "objects.crate.mass=~uniform(1, 2)",
-        "objects.ball.mass=7,8",
-    ]
-
-
-def test_a_key_must_be_in_all_variants() -> None:
-    other = {"objects": {"crate": {}, "cup": {}}}
-    assert expanded("objects.*.mass=~each uniform(1, 2)", scenes=(SCENE, other)) == [
-        "objects.crate.mass=~uniform(1, 2)"
-    ]
-
-
-def test_wildcards_without_a_match_are_an_error() -> None:
-    assert "matches nothing that the scene has" in message("joints.*.motor=~each uniform(1, 2)")
-    assert message("objects.ball.mass=~each uniform(1, 2)").endswith(
-        "is one key, and has one draw as it is; write objects.ball.mass=~uniform(1, 2)"
-    )
-    with pytest.raises(InputError, match="stands for several keys, which have not been resolved"):
-        planned(read_axes(["objects.*.mass=~each uniform(1, 2)"]), samples=3)
