@@ -125,7 +125,7 @@ FORMATS = "frames,flo,coco,davis,mot,events,trajectory,physics"
 MAP_FORMATS = "depth,normals,albedo"
 COMMANDS = (
     *("perceive", "import", "edit", "check", "simulate", "render", "sweep", "export", "dataset"),
-    *("gallery", "verify", "cache", "backends", "schema", "evaluate"),
+    *("gallery", "verify", "backends", "schema", "evaluate"),
 )
 MEASURES = ("physics", "segmentation", "fid", "study")
 

@@ -14,7 +14,6 @@ from typing import Any
 
 from physgen import __version__
 from physgen.cli import (
-    cache,
     dataset,
     edit,
     evaluate,
@@ -149,7 +148,6 @@ COMMANDS = {
         gallery.GALLERY,
         EVALUATE,
         verify.VERIFY,
-        cache.CACHE,
         perceive.BACKENDS,
         SCHEMA,
     )

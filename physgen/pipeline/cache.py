@@ -39,22 +39,9 @@ class Entry:
     used: float
     """s since 1970: when it was last read, or written."""
 
-    @property
-    def stage(self) -> str:
-        """The stage whose result it is."""
-        return self.key.rpartition("-")[0]
-
-
-@dataclass(frozen=True)
-class Freed:
-    """What a clean-up removed."""
-
-    entries: int
-    bytes: int
-
 
 class Store:
-    """Entries below a folder; only `clear` raises OSError where that folder cannot be read or written."""
+    """Entries below a folder."""
 
     def __init__(self, root: Path, most_bytes: int = MOST_BYTES, warn: Warn = ignore_warning) -> None:
         self.root, self.most_bytes = root, most_bytes
@@ -92,7 +79,7 @@ class Store:
             with beside.open("wb") as file:
                 file.writelines((MAGIC, zlib.crc32(data).to_bytes(4, "big"), data))
             beside.replace(path)
-            self._shrink(self.most_bytes, int(SHRINK_TO * self.most_bytes))
+            self._shrink()
         except OSError as error:
             fix = "set XDG_CACHE_HOME to a folder that can be written, or free some space"
             found = f"({error.strerror or error})"
@@ -110,27 +97,19 @@ class Store:
                 found.append(Entry(path.name.removesuffix(SUFFIX), status.st_size, status.st_mtime))
         return sorted(found, key=lambda entry: (entry.used, entry.key))
 
-    def clear(self) -> Freed:
-        """Remove all entries. Raises OSError."""
-        if not self.root.is_dir():
-            return Freed(0, 0)
-        return self._shrink(-1, -1)
-
-    def _shrink(self, most: int, least: int) -> Freed:
-        """Where there are more than `most` bytes, remove entries until `least` are left; partial files go, too."""
+    def _shrink(self) -> None:
+        """Where there are more bytes than the bound, remove entries until there is room; partial files go, too."""
         for path in self.root.glob(".*.part"):
             with suppress(FileNotFoundError):  # it was renamed now
                 if path.stat().st_mtime < time.time() - ABANDONED:
                     path.unlink()
         entries = self.sizes()
         left = total = sum(entry.bytes for entry in entries)
-        count = 0
-        for entry in entries if total > most else ():
-            if left <= least:
+        for entry in entries if total > self.most_bytes else ():
+            if left <= int(SHRINK_TO * self.most_bytes):
                 break
             (self.root / f"{entry.key}{SUFFIX}").unlink(missing_ok=True)
-            left, count = left - entry.bytes, count + 1
-        return Freed(count, total - left)
+            left -= entry.bytes
 
     def _tell(self, found: str, expected: str, fix: str) -> None:
         if not self._warned:

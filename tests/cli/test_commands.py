@@ -231,7 +231,7 @@ def test_wrong_flags_get_one_line_and_exit_2(capsys) -> None:
 
 def test_every_command_shows_an_example(capsys) -> None:
     for command in (
-        "perceive", "import", "check", "simulate", "render", "sweep", "cache", "backends", "schema",
+        "perceive", "import", "check", "simulate", "render", "sweep", "backends", "schema",
     ):  # fmt: skip
         with pytest.raises(SystemExit) as stop:
             main([command, "--help"])

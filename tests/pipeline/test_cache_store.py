@@ -33,7 +33,7 @@ def test_what_was_written_is_read(store: Store) -> None:
     assert store.read("s-a") == b"alpha"
     assert store.read("s-b") is None
     [entry] = store.sizes()
-    assert (entry.key, entry.stage) == ("s-a", "s")
+    assert entry.key == "s-a"
     assert entry.bytes == (store.root / f"s-a{SUFFIX}").stat().st_size
     assert store.root.stat().st_mode & 0o077 == 0  # photos may be private
 
@@ -91,15 +91,13 @@ def test_one_that_is_larger_than_the_bound_removes_none(tmp_path: Path) -> None:
     assert len(warnings) == 1
 
 
-def test_clearing_removes_remains_of_killed_processes(store: Store) -> None:
+def test_writing_removes_remains_of_killed_processes(store: Store) -> None:
     store.write("s-a", DATA)
     old, new = store.root / ".s-c.12-ab.part", store.root / ".s-d.13-ab.part"
     for path in (old, new):
         path.write_bytes(b"half")
     os.utime(old, (1000, 1000))
-    size = store.sizes()[0].bytes
-    assert (freed := store.clear()).entries == 1
-    assert freed.bytes == size
+    store.write("s-b", DATA)
     assert not old.exists()
     assert new.exists()  # its process may live
 
@@ -140,7 +138,6 @@ def test_a_folder_that_cannot_be_written_warns_once(tmp_path: Path) -> None:
         assert store.read("s-a") is None
         store.write("s-a", DATA)
     assert store.sizes() == []
-    assert store.clear().entries == 0
     assert len(warnings) == 1
     assert "cannot be written" in str(warnings[0])
     assert "XDG_CACHE_HOME" in str(warnings[0])

@@ -143,8 +143,8 @@ def test_frames_of_a_scene_that_is_saved_meanwhile_are_not_kept(monkeypatch: pyt
 
     monkeypatch.setattr(record, "inputs", late)
     old = rendered("--refine", "exact")["unrefined"]
-    assert not [entry for entry in open_store().sizes() if entry.stage == "guidance"]
+    assert not [entry for entry in open_store().sizes() if entry.key.startswith("guidance-")]
     new = rendered("--refine", "exact")["unrefined"]
     assert new != old
     assert new == rendered("--refine", "exact", "--no-cache")["unrefined"]
-    assert [entry for entry in open_store().sizes() if entry.stage == "guidance"]
+    assert [entry for entry in open_store().sizes() if entry.key.startswith("guidance-")]
