@@ -122,10 +122,6 @@ class Manifest:
     """Of the clip before refinement."""
     refined: bool
     """A model refined it, or was to."""
-    film: str
-    """The name of its films without suffix: `video`, or `unrefined`."""
-    document: Mapping[str, Any]
-    """The resolved scene."""
 
 
 def read_manifest(folder: Path) -> Manifest:
@@ -149,8 +145,6 @@ def read_manifest(folder: Path) -> Manifest:
             samples=tuple(map(str, data["samples"])),
             frames=tuple(map(str, data["unrefined" if refined else "frames"])),
             refined=refined,
-            film="unrefined" if refined else "video",
-            document=dict(data["document"]),
         )
     except (OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
         found = "is damaged: it is no manifest that can be read"

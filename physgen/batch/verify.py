@@ -2,45 +2,30 @@
 
 from __future__ import annotations
 
-import json
 import platform
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from PIL import Image
 
 from physgen import pipeline
 from physgen.batch.clips import Manifest, read_manifest
-from physgen.batch.compare import (
-    MotionDifference,
-    changed_environment,
-    changed_files,
-    changed_values,
-    counted,
-    few,
-    motion_difference,
-)
-from physgen.export.video import U8, Format
 from physgen.files import final_name
 from physgen.pipeline.stages import Film, Keep, Stages
 from physgen.problems import InputError, Problem
-from physgen.report.record import RunRecord, file_hash, frame_hash, inputs, json_text, versions
-from physgen.scene.scene import Scene
+from physgen.report.record import RunRecord, file_hash, frame_hash, inputs, versions
 from physgen.simulate.trajectory import Trajectory, read_trajectory
-
-if TYPE_CHECKING:
-    from physgen.render.stage import Frame
-
+from physgen.text import quoted, rounded
 
 NOT_REFINED = "refinement was not run again: the clip as it was drawn is compared"
-NO_OLD_MOTION = "objects cannot be compared: trajectory.npz does not hold the old motion"
 NO_CAUSE = "nothing that it reads has changed, nor have versions or the machine"
+MAX_NAMED = 3
+"""Objects or files that a line names; the others are counted."""
 
 
 @dataclass(frozen=True)
@@ -63,36 +48,43 @@ class Outcome(Enum):
 
 
 @dataclass(frozen=True)
+class MotionDifference:
+    """How two motions differ."""
+
+    sample: int
+    """The first that differs."""
+    time: float
+    """s."""
+    counts: tuple[int, int]
+    """How many samples there were, and are."""
+    objects: Mapping[str, float] = field(default_factory=dict)
+    """The largest distance of each that differs, px, the largest first; empty where trajectory.npz does not tell."""
+
+    def text(self) -> str:
+        """For a person."""
+        before, now = self.counts
+        counts = f"{counted(before, 'sample')} then, {now} now; " if before != now else ""
+        apart = few([f"{name} by up to {rounded(px)} px" for name, px in self.objects.items()])
+        return f"{counts}from sample {self.sample} ({self.time:.3f} s){': ' * bool(apart)}{apart}"
+
+
+@dataclass(frozen=True)
 class FrameDifference:
     """How the frames differ."""
 
     frame: int
     """The first that differs."""
-    time: float
-    """s of the motion that it shows."""
     differ: int
     """How many do, of those that both clips have."""
     counts: tuple[int, int]
     """How many frames there were, and are."""
-    pixels: int = 0
-    """Of the first frame: how many differ."""
-    levels: int = 0
-    """Of 255: the most by which a channel of it differs."""
-    unmeasured: str = ""
-    """Why pixels are not compared."""
 
     def text(self) -> str:
         """For a person."""
         before, now = self.counts
         parts = [f"{counted(before, 'frame')} then, {now} now"] if before != now else []
         if self.differ:
-            text = f"frames from {self.frame} ({self.time:.3g} s), {self.differ} of {min(before, now)}"
-            if self.unmeasured:
-                text += f", how much is not known: {self.unmeasured}"
-            else:
-                amount = f"{self.pixels} px by up to {counted(self.levels, 'grey level')}"
-                text += f": {amount}"
-            parts.append(text)
+            parts.append(f"frames from {self.frame}, {self.differ} of {min(before, now)}")
         return "; ".join(parts)
 
 
@@ -172,14 +164,20 @@ def _verify(request: VerifyRequest, progress: pipeline.Progress) -> Verdict:
     damaged = _damaged_files(folder, manifest.files, progress)
     path = request.scene or _source(manifest, folder)
     scene = pipeline.load(path, manifest.overrides, manifest.variant, request.allow_outside)
-    files = changed_files(manifest.inputs, inputs(scene, Path(path)))
-    values = changed_values(manifest.document, json.loads(json_text(scene.document)))
     here = {"machine": f"{platform.machine()} {platform.system()}"}
     there = {"machine": manifest.machine}
-    now = _Take(scene, progress)
-    motion = _motion_difference(folder, manifest.samples, now.trajectory)
-    undamaged = [file for file in manifest.files if file not in damaged]
-    pictures = _frame_difference(manifest, folder, undamaged, now, progress)
+    warm = Stages(Keep.NOTHING)
+    maps = warm.maps(scene)
+    compiled = warm.compile(scene, maps)
+    progress("simulate", 0, 1)
+    now = warm.simulate(compiled.world, progress)
+    film = Film(scene, compiled, maps, RunRecord(scene="", command=[]), warm)
+    hashes = []
+    for frame in film.annotated(film.frames(now), now):
+        hashes.append(frame_hash(frame.rgb))
+        progress("render", len(hashes), len(film.shot(now).order))
+    motion = _motion_difference(folder, manifest.samples, now)
+    pictures = _frame_difference(manifest.frames, hashes)
     same = motion is None and pictures is None and not damaged
     return Verdict(
         clip=str(folder),
@@ -187,7 +185,7 @@ def _verify(request: VerifyRequest, progress: pipeline.Progress) -> Verdict:
         samples=len(manifest.samples),
         frames=len(manifest.frames),
         files=len(manifest.files),
-        changed=(*files, *values),
+        changed=tuple(changed_files(manifest.inputs, inputs(scene, Path(path)))),
         elsewhere=tuple(changed_environment({**manifest.versions, **there}, {**versions(), **here})),
         damaged=tuple(f"{name} {what}" for name, what in damaged.items()),
         motion=motion,
@@ -225,27 +223,6 @@ def _damaged_files(
     return found
 
 
-class _Take:
-    """A scene simulated and about to be drawn, without any cached result."""
-
-    def __init__(self, scene: Scene, progress: pipeline.Progress) -> None:
-        warm = Stages(Keep.NOTHING)
-        maps = warm.maps(scene)
-        compiled = warm.compile(scene, maps)
-        progress("simulate", 0, 1)
-        self.scene = scene
-        self.trajectory = warm.simulate(compiled.world, progress)
-        self._filming = Film(scene, compiled, maps, RunRecord(scene="", command=[]), warm)
-
-    def frames(self) -> Iterator[Frame]:
-        """The clip from its first frame on."""
-        return self._filming.annotated(self._filming.frames(self.trajectory), self.trajectory)
-
-    def count(self) -> int:
-        """Frames of the clip."""
-        return len(self._filming.shot(self.trajectory).order)
-
-
 def _stored_motion(path: Path, samples: Sequence[str]) -> Trajectory | None:
     """A clip's trajectory.npz, if it holds the `samples` of the manifest."""
     if not path.is_file():
@@ -271,39 +248,56 @@ def _motion_difference(folder: Path, samples: Sequence[str], now: Trajectory) ->
     if hashes == list(samples):
         return None
     counts = len(samples), len(hashes)
-    pairs = enumerate(zip(samples, hashes, strict=False))
-    first = next((k for k, (a, b) in pairs if a != b), min(counts))
+    first = _first_difference(samples, hashes)
     time = float(now.times[min(first, len(now.times) - 1)]) if len(now.times) else 0.0
+    found = MotionDifference(first, time, counts)
     then = _stored_motion(folder / "trajectory.npz", samples)
-    if then is None:
-        return MotionDifference(first, time, counts, unnamed=NO_OLD_MOTION)
-    found = motion_difference(then, now)
-    return found or MotionDifference(first, time, counts)
+    if then is None or then.names != now.names or not np.array_equal(then.times, now.times):
+        return found
+    between = then.poses[..., :2] - now.poses[..., :2]
+    apart = dict(zip(now.names, np.hypot(between[..., 0], between[..., 1]).max(axis=0).tolist(), strict=True))
+    order = sorted((name for name in apart if apart[name]), key=lambda name: -apart[name])
+    return replace(found, objects={name: apart[name] for name in order})
 
 
-def _frame_difference(
-    manifest: Manifest, folder: Path, undamaged: Sequence[str], now: _Take, progress: pipeline.Progress
-) -> FrameDifference | None:
-    """None for equal frames."""
-    times: dict[int, float] = {}
-    pictures: list[U8] = []
-    count, total = 0, now.count()
-    for count, frame in enumerate(now.frames(), 1):
-        if count <= len(manifest.frames) and frame_hash(frame.rgb) != manifest.frames[count - 1]:
-            times[count - 1] = frame.time
-            pictures = pictures or [frame.rgb.copy()]
-        progress("render", count, total)
-    counts = len(manifest.frames), count
-    if not times:
-        return None if counts[0] == counts[1] else FrameDifference(min(counts), 0.0, 0, counts)
-    first = next(iter(times))
-    found = FrameDifference(first, times[first], len(times), counts)
-    file = f"{Format.PNG.named(manifest.film)}/{first:05d}.png"
-    if file not in undamaged:
-        return replace(found, unmeasured="there are no PNG frames")
-    with Image.open(folder / file, formats=("PNG",)) as image:  # a clip may come from anywhere
-        before = np.asarray(image, np.int16)
-    if before.shape != pictures[0].shape:
-        return replace(found, unmeasured="frames were of another size")
-    levels = np.abs(pictures[0] - before).max(axis=2)
-    return replace(found, pixels=int((levels > 0).sum()), levels=int(levels.max()))
+def _frame_difference(then: Sequence[str], now: Sequence[str]) -> FrameDifference | None:
+    """None for equal frames, by their hashes."""
+    if list(then) == list(now):
+        return None
+    differ = sum(a != b for a, b in zip(then, now, strict=False))
+    return FrameDifference(_first_difference(then, now), differ, (len(then), len(now)))
+
+
+def _first_difference(then: Sequence[str], now: Sequence[str]) -> int:
+    """Index of the first that differs; where none of both does, how many both have."""
+    pairs = enumerate(zip(then, now, strict=False))
+    return next((k for k, (a, b) in pairs if a != b), min(len(then), len(now)))
+
+
+def changed_files(then: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
+    """A sentence for each input file that differs, by hashes."""
+    for name in (*then, *(name for name in now if name not in then)):
+        if then.get(name) != now.get(name):
+            if name not in then:
+                change = "is read now, was not"
+            else:
+                change = "has changed" if name in now else "is not read any more"
+            yield f"{quoted(name, '', 80)} {change}"
+
+
+def changed_environment(then: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
+    """A sentence for each version or property of the machine that differs, of those that are known of both."""
+    for name, value in then.items():
+        if name in now and now[name] != value:
+            yield f"{name} is {quoted(now[name], '', 200)}, was {quoted(value, '', 200)}"
+
+
+def few(texts: Sequence[str]) -> str:
+    """The first ones, and the number of the others."""
+    more = len(texts) - MAX_NAMED
+    return ", ".join(texts[:MAX_NAMED]) + (f" and {more} more" if more > 0 else "")
+
+
+def counted(count: int, noun: str) -> str:
+    """A number and its noun."""
+    return f"{count} {noun}{'s' * (count != 1)}"
