@@ -215,7 +215,7 @@ def add_backends(parser: Parser) -> None:
     """Flags that choose the backends, and where they run."""
     about = "the backend of a step, and the hub id or path of its weights; see physgen backends"
     parser.option("--backend", "ROLE=NAME[:WEIGHTS]", str, about, [], action="append")
-    about = "a set of backends: offline, models or best"
+    about = "a set of backends: offline or models"
     parser.option("--profile", "NAME", str, about)
     parser.option("--config", "FILE", Path, "read this in place of ~/.config/physgen/physgen.toml")
     parser.option("--device", "DEVICE", str, "where models run: auto, cpu, cuda, cuda:1 or mps")

@@ -17,8 +17,19 @@ def test_a_word_that_is_misspelt(command: list[str], meant: str, capsys) -> None
     assert f"invalid choice: '{command[-1]}', did you mean {meant}?" in capsys.readouterr().err
 
 
-def test_a_removed_flag_names_what_to_use(capsys) -> None:
+@pytest.mark.parametrize(
+    ("command", "instead"),
+    [
+        (["render", "scene.yaml", "--ship"], "--ship was removed; share a folder"),
+        (
+            ["render", "a.yaml", "--cluster", "dask=a.json"],
+            "--cluster was removed; write --part K/N, on each",
+        ),
+        (["pack", "scene.yaml"], "pack was removed; zip the scene's folder"),
+    ],
+)
+def test_what_was_removed_names_what_to_use(command: list[str], instead: str, capsys) -> None:
     with pytest.raises(SystemExit) as ended:
-        main(["render", "scene.yaml", "--ship"])
+        main(command)
     assert ended.value.code == 2
-    assert "--ship was removed; share a folder" in capsys.readouterr().err
+    assert instead in capsys.readouterr().err
