@@ -121,7 +121,7 @@ VARIABLE_KEYS = re.compile(
 
 Values = dict[str, Any]
 
-FORMATS = "frames,flo,coco,davis,mot,events,trajectory,physics"
+FORMATS = "frames,flo,coco,davis,events,trajectory,physics"
 MAP_FORMATS = "depth,normals,albedo"
 COMMANDS = (
     *("perceive", "import", "edit", "check", "simulate", "render", "sweep", "export", "dataset"),

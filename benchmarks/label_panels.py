@@ -123,23 +123,6 @@ def palette(name: str, masks: str) -> Callable[[Shown], Iterator[tuple[str, U8]]
     return show
 
 
-def mot(clip: Shown) -> Iterator[tuple[str, U8]]:
-    (path,) = clip.home.glob("mot/*/gt/gt.txt")
-    picture, draw = pen(clip.rgb)
-    for line in path.read_text().splitlines():
-        frame, who, x, y, w, h, _, _, visible = map(float, line.split(","))
-        if frame == clip.index + 1:
-            x, y = x - 1.5, y - 1.5
-            draw.rectangle((x, y, x + w, y + h), outline=ink(int(who)), width=2)
-            said(
-                draw,
-                (x + 3, y + 1),
-                f"{int(who)}" + (f" {visible:.0%}" if visible < 0.995 else ""),
-                ink(int(who)),
-            )
-    yield "mot: ids, visible share", np.asarray(picture)
-
-
 def flo(clip: Shown) -> Iterator[tuple[str, U8]]:
     moved = cv2.readOpticalFlow(str(clip.file("flo/forward/{:05d}.flo")))
     told = clip.read("flo/visible/forward/{:05d}.png")
@@ -214,7 +197,6 @@ PANELS: dict[str, Callable[[Shown], Iterator[tuple[str, U8]]]] = {
     "frames": frames,
     "coco": coco,
     "davis": palette("davis", "Annotations/Full-Resolution"),
-    "mot": mot,
     "flo": flo,
     "depth": depth,
     "normals": normals,

@@ -14,7 +14,6 @@ from physgen.export.events import Events
 from physgen.export.flow import Flo
 from physgen.export.labels import Clip, Writer
 from physgen.export.maps import Albedo, Depth, Normals
-from physgen.export.mot import Mot
 from physgen.export.physics import Physics
 from physgen.export.trajectory import TrajectoryTables
 from physgen.files import install
@@ -50,7 +49,6 @@ FORMATS = (
     LabelFormat("albedo", Albedo, "albedo, linear, 16-bit PNG", True, "albedo"),
     LabelFormat("coco", Coco, "masks, whole masks, boxes and tracks, COCO JSON", library="pycocotools"),
     LabelFormat("davis", Davis, "masks, palette PNG as in DAVIS 2017", most=254),
-    LabelFormat("mot", Mot, "boxes and tracks, MOT Challenge text"),
     LabelFormat("events", Events, "events: JSON"),
     LabelFormat("trajectory", TrajectoryTables, "poses and velocities in px, video px and SI: CSV, npz"),
     LabelFormat("physics", Physics, "masses, coefficients and all other inputs of the motion: JSON"),
@@ -58,7 +56,7 @@ FORMATS = (
 PERCEIVE_OPTIONS = {"depth": " --backend depth=NAME"}
 """Options of `perceive` that make a map which it does not make by default."""
 FLAG = "--format"
-REMOVED = {"tapvid": "trajectory,davis"}
+REMOVED = {"tapvid": "trajectory,davis", "mot": "coco"}
 """Formats of former versions, and where their content is."""
 
 

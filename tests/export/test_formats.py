@@ -32,7 +32,7 @@ def test_too_many_objects(tmp_path, capsys) -> None:
 
 def test_without_pycocotools(tmp_path, capsys, monkeypatch) -> None:
     monkeypatch.setattr(formats, "find_spec", lambda name: None)
-    assert main(["export", str(hall(tmp_path)), "--format", "coco,mot", "-o", str(tmp_path / "out")]) == 2
+    assert main(["export", str(hall(tmp_path)), "--format", "coco,flo", "-o", str(tmp_path / "out")]) == 2
     said = capsys.readouterr().err
     assert f'"coco" needs pycocotools, which is not installed; {install("labels")}' in said
     assert not (tmp_path / "out").exists()
@@ -41,19 +41,19 @@ def test_without_pycocotools(tmp_path, capsys, monkeypatch) -> None:
 def test_labels_that_are_there_are_not_lost(tmp_path, capsys) -> None:
     scene, out = str(hall(tmp_path)), tmp_path / "out"
     few = ["--set", "render.frames=2", "-o", str(out)]
-    assert main(["export", scene, "--format", "davis,mot", *few]) == 0
+    assert main(["export", scene, "--format", "davis,flo", *few]) == 0
     there = sorted(path for path in out.rglob("*") if path.is_file())
-    assert main(["export", scene, "--format", "mot,frames", *few]) == 2
+    assert main(["export", scene, "--format", "flo,frames", *few]) == 2
     said = capsys.readouterr().err
     assert (
         f"{out / 'hall'}: holds davis of an earlier run, which would go; name all formats at once, or" in said
     )
     assert sorted(path for path in out.rglob("*") if path.is_file()) == there
-    assert main(["export", scene, "--format", "frames,mot,davis", *few]) == 0
+    assert main(["export", scene, "--format", "frames,flo,davis", *few]) == 0
     assert (out / "hall/frames/00001.png").exists()
     film = tmp_path / "film"
     assert main(["render", scene, "--set", "render.frames=2", "--report", "none", "-o", str(film)]) == 0
-    assert main(["export", scene, "--format", "mot", "--set", "render.frames=2", "-o", str(film)]) == 2
+    assert main(["export", scene, "--format", "flo", "--set", "render.frames=2", "-o", str(film)]) == 2
     assert "holds video.mp4 of an earlier run" in capsys.readouterr().err
 
 
