@@ -334,11 +334,17 @@ class _Run:
 
     def _sample_player(self, trajectory: Trajectory) -> None:
         """Begin to make the report's data of the motion; its frames are sampled already."""
+        from physgen.report.html import template
         from physgen.report.player import player_data
 
         film = self.film
         parts = film.compiled.world, trajectory, film.stage, film.shot(trajectory), film.sampled
-        self._player = self.aside.start("report", partial(player_data, self.scene, *parts))
+
+        def sample() -> Data | None:
+            template("report.html.j2")  # compiled meanwhile
+            return player_data(self.scene, *parts)
+
+        self._player = self.aside.start("report", sample)
 
     def warn(self, problem: Problem) -> None:
         """Warn the user, and note it in the record."""

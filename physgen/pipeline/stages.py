@@ -420,13 +420,13 @@ class Film:
         with self._record.stage("simulate", time.thread_time):
             return self._stages.simulate(self.compiled.world, progress, self._tape)
 
-    def sampled(self, times: NDArray[np.float64]) -> Trajectory:
+    def sampled(self, times: NDArray[np.float64], motion_only: bool = False) -> Trajectory:
         """The same motion at other times, s: the engine's steps do not depend on its samples."""
         from physgen.simulate.engine import simulate
         from physgen.simulate.recorder import StepLog
 
         with self._reading:
-            found = None if self._tape is None else self._tape.read(times)
+            found = None if self._tape is None else self._tape.read(times, motion_only)
             if found is None:
                 self._tape = StepLog()
                 found = simulate(self.compiled.world, times, tape=self._tape)
@@ -466,7 +466,7 @@ class Film:
             fine = trajectory
             if parts > 1:
                 with self._record.stage("expose", time.thread_time):
-                    fine = self.sampled(moments)
+                    fine = self.sampled(moments, motion_only=True)
             self._fine = trajectory, fine, parts
         return self._fine[1:]
 

@@ -9,7 +9,6 @@ from math import ceil, pi
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
 
 from physgen.geometry.polygon import Array
 from physgen.maps import F32, U8
@@ -96,6 +95,8 @@ class Layer:
 @lru_cache(maxsize=1024)
 def text_masks(text: str, size: int, casing: int) -> tuple[U8, U8, tuple[float, float]]:
     """Masks (h, w) of a line of text and of its casing, in sub-pixels, and where in them its middle is."""
+    from PIL import Image, ImageDraw, ImageFont  # few pictures have words on them
+
     font = ImageFont.load_default(size)
     left, _, right, _ = font.getbbox(text, anchor="ls")
     up, down = ceil(0.95 * size), ceil(0.3 * size)

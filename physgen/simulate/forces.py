@@ -358,7 +358,7 @@ class ScriptedMotion:
             (k, body.path) for k, body in enumerate(world.bodies) if body.motion is Motion.SCRIPTED
         ]
         self.busy = bool(self._paths)
-        self._knots = np.unique(np.concatenate([np.zeros(0), *(path[:, 0] for _, path in self._paths)]))
+        self._knots = np.sort(np.concatenate([np.zeros(0), *(path[:, 0] for _, path in self._paths)]))
 
     def jump(self, begin: float, end: float) -> bool:
         """Whether a path's velocity changes after `begin`, up to `end`, s."""

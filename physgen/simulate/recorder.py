@@ -182,6 +182,8 @@ class Recorder:
     scripts: ScriptedMotion
     times: Array
     """(T,) s to sample at."""
+    motion_only: bool = False
+    """Whether contacts and energy are left out: their samples are empty, or zeros."""
     log: ContactLog = field(init=False)
 
     def __post_init__(self) -> None:
@@ -265,9 +267,11 @@ class Recorder:
         self._after = after[-1].copy()
         mean = self._all((before + after) / 2)
         pose = self._all(states[:, :, :3], self._still)
-        flow = self._contacts(steps, pose, self._all(before), self._all(after))
-        flow[:, 0] += [step.settled.lost for step in steps]
-        flow[:, 1] += [step.settled.work for step in steps]
+        flow = np.zeros((len(steps), 2))
+        if not self.motion_only:
+            flow = self._contacts(steps, pose, self._all(before), self._all(after))
+            flow[:, 0] += [step.settled.lost for step in steps]
+            flow[:, 1] += [step.settled.work for step in steps]
         ends = np.array([step.time for step in steps])
         # at a step's end half of what it did is done: its velocities are those of the middle of two steps
         smooth = np.cumsum(flow, axis=0) + self._smooth + self._owed - flow / 2
@@ -400,8 +404,9 @@ class Recorder:
                 )
             self.poses[k], self.velocities[k], self.rolls[k] = x, v, roll
             _refuse_infinities(self.world, x, v, time)
-            balance = balance0 + part * (smooth[s] - balance0)
-            self._balance[k] = (*self._energy(x, v, roll), *(balance + self._blown(time)))
+            if not self.motion_only:
+                balance = balance0 + part * (smooth[s] - balance0)
+                self._balance[k] = (*self._energy(x, v, roll), *(balance + self._blown(time)))
             self.done += 1
         for _, lost, work in self._struck:
             self._spent += np.array([lost, work])
@@ -492,8 +497,8 @@ class StepLog:
         """The run is over; `on` takes it on to a later time, s, where later times are asked for."""
         self._effort, self._on = effort, on
 
-    def read(self, times: Array) -> Trajectory | None:
-        """As `simulate` samples at `times` (T,) s, rising; None where the steps were not kept.
+    def read(self, times: Array, motion_only: bool = False) -> Trajectory | None:
+        """As `simulate` samples at `times` (T,) s, rising, or the motion alone; None where the steps were not kept.
 
         Times after the run's last take it on: as far as the run itself would have come, and no step is taken twice.
         """
@@ -503,13 +508,13 @@ class StepLog:
         last = ceil(float(times[-1]) / h - 1e-9) * h
         if last > (self._steps[-1].time if self._steps else 0.0) + 1e-9 * h and self._on is not None:
             self._on(last)
-        return self._sampled(times, last + 1e-9 * h)
+        return self._sampled(times, last + 1e-9 * h, motion_only)
 
-    def _sampled(self, times: Array, last: float) -> Trajectory | None:
+    def _sampled(self, times: Array, last: float, motion_only: bool) -> Trajectory | None:
         """From the steps that end at `last` s at most; they may have become too many."""
         if self._begin is None or self._ledger is None or self._effort is None:
             return None
-        ledger = replace(self._ledger, times=times)
+        ledger = replace(self._ledger, times=times, motion_only=motion_only)
         with np.errstate(over="ignore", invalid="ignore"):
             ledger.begin(*self._begin)
             for step in self._steps:
