@@ -8,7 +8,7 @@ all contacts of a step at once, which sends the first of a row of balls back.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from math import ceil, nan
@@ -340,8 +340,8 @@ class Stepper:
         self._cornered = any(b.radius is None for b in bodies)
         self._words, self._places, self._states = b"", contact_places(b""), b""
         self._calm = True
-        self.pull = np.zeros((len(space.moving), 3))
-        """(M, 3): change of the velocities in the last step."""
+        self._speeds = np.zeros((len(space.moving), 3)), np.zeros((len(space.moving), 3))
+        """(M, 3): velocities after the last step, and within it."""
         self.suspicious = self.stirred = True
         """Whether velocities were changed since the last step: what touches may close, what was slow may be fast."""
         self.steps = self.impacts = 0
@@ -350,6 +350,12 @@ class Stepper:
     def state(self) -> Array:
         """(M, 6) of the bodies that move, read-only."""
         return np.frombuffer(self._states, np.float64).reshape(-1, 6)
+
+    @property
+    def pull(self) -> Array:
+        """(M, 3): change of the velocities in the last step."""
+        after, within = self._speeds
+        return after - within
 
     def fit(self, pose: Array, velocity: Array) -> tuple[Array, float]:
         """Velocities (N, 3) that joints allow, and the energy of what they forbid, which is lost at once."""
@@ -384,15 +390,19 @@ class Stepper:
                 self._space.brake(pair, torque)
             states, words, numbers = self._space.step(h)
             impact = None
-            leap = self._cornered and contacts_jumped(contact_places(numbers), self._places)
+            places = contact_places(numbers) if self._cornered else self._places
+            leap = self._cornered and contacts_jumped(places, self._places)
             surprise = self.suspicious or leap
             # the last try is taken as it comes: what still closes then does not bounce
-            unknown = surprise or first or (words != self._words and new_contacts(words, self._words))
-            if attempt < ATTEMPTS - 1 and unknown:
+            new: Sequence[int] | None = None
+            if not surprise:  # the first step is one, too
+                new = new_contacts(words, self._words) if words != self._words else ()
+            if attempt < ATTEMPTS - 1 and (new is None or new):
                 if state is None:
                     state = self.state().copy()
                 after = np.frombuffer(states, np.float64).reshape(M, 6)
-                impact = self._strike(after[:, :3], state[:, 3:], words, numbers, h, surprise, first, load)
+                motion = after[:, :3], state[:, 3:]
+                impact = self._strike(*motion, words, numbers, h, new, first, load)
             if impact is None and not probing:
                 break
             assert state is not None
@@ -421,11 +431,10 @@ class Stepper:
             states = exact.tobytes()
         self.stirred |= not self._calm
         self._words, self.suspicious = words, False
-        if self._cornered:
-            self._places = contact_places(numbers)
+        self._places = places
         velocity = np.frombuffer(states, np.float64).reshape(M, 6)
         used = before if before is not None else self.state()[:, 3:]
-        self.pull = velocity[:, 3:] - used
+        self._speeds = velocity[:, 3:], used
         settled = NOTHING
         if self._lasting.accounts:
             braked = self._space.braked()
@@ -450,21 +459,20 @@ class Stepper:
         words: bytes,
         numbers: bytes,
         h: float,
-        surprise: bool,
+        new: Sequence[int] | None,
         first: bool,
         load: Forces | None,
     ) -> Impacts | None:
         """What closes at the step's end, given the poses (M, 3) then and the velocities (M, 3) on the way.
 
-        What touched before closes by what the solver left undone, and does not bounce, but for a `surprise`.
+        What touched before closes by what the solver left undone, and does not bounce. `new`: rows of contacts that did
+        not touch; None: velocities or corners jumped, and all may close.
         """
         threshold = self._governor.threshold(h)
         wide, fast = self._wide, self._fast
         wide[self._space.moving], fast[self._space.moving] = pose, velocity
-        if not surprise and not first:
-            new = new_contacts(words, self._words)
-            if len(new) <= FEW and not any_closes(words, numbers, new, wide, fast, threshold):
-                return None
+        if new is not None and len(new) <= FEW and not any_closes(words, numbers, new, wide, fast, threshold):
+            return None
         touch = touching(words, numbers)
         points = contact_points(touch, wide, fast)
         if not (points.closing > threshold).any():
@@ -472,7 +480,7 @@ class Stepper:
         objects = len(wide)
         was = touch if first else touching(self._words, None)
         touched = np.isin(_pairs(touch, objects), _pairs(was, objects))
-        points = replace(points, closing=np.where(surprise | ~touched[points.row], points.closing, 0.0))
+        points = replace(points, closing=np.where((new is None) | ~touched[points.row], points.closing, 0.0))
         if not (points.closing > threshold).any():
             return None
         drift = np.zeros((objects, 2))

@@ -119,13 +119,16 @@ class Assemblies:
         """
         place = {body: 3 * k for k, body in enumerate(bodies)}
         free = np.diag(inverse)
-        rows: list[list[float]] = []
-        spots = _Spots(pose)
-        for group in sorted({g for body in bodies if (g := self.of(body)) is not None}):
-            for joint in self._joints[group]:
-                rows += _rows(joint, place, spots, 3 * len(bodies))
-        if not rows:
+        groups = sorted({g for body in bodies if (g := self.of(body)) is not None})
+        if not groups:
             return free
+        spots, size = _Spots(pose), 3 * len(bodies)
+        rows = [
+            row
+            for group in groups
+            for joint in self._joints[group]
+            for row in _rows(joint, place, spots, size)
+        ]
         J = np.array(rows)
         give = J @ free
         return np.asarray(free - give.T @ np.linalg.pinv(give @ J.T) @ give)

@@ -320,26 +320,32 @@ class Recorder:
         center, mean, last = widen(pose), widen((before + after) / 2), widen(after)
         mean[:, self._scripted] = last[:, self._scripted]
 
-        def speed(of: Array, objects: Index, where: Array) -> Array:
-            v, arm = of[row, objects], where - center[row, objects, :2]
-            return np.stack([v[:, 0] - v[:, 2] * arm[:, 1], v[:, 1] + v[:, 2] * arm[:, 0]], axis=1)
+        def moving(of: Array, objects: Index) -> tuple[Array, Array]:
+            """(3, R) velocities and (2, R) centres of objects, columns that lie together."""
+            return np.ascontiguousarray(of[row, objects].T), np.ascontiguousarray(center[row, objects, :2].T)
+
+        def speed(motion: tuple[Array, Array], x: Array, y: Array) -> tuple[Array, Array]:
+            (vx, vy, spin), (cx, cy) = motion
+            return vx - spin * (y - cy), vy + spin * (x - cx)
+
+        def along(one: tuple[Array, Array], other: tuple[Array, Array], way: Array) -> Array:
+            return (one[0] - other[0]) * way[:, 0] + (one[1] - other[1]) * way[:, 1]
 
         # of two points, the one that opens after the step carried nothing (Signorini's condition)
-        opening = np.stack(
-            [
-                ((speed(last, second, at) - speed(last, first, at)) * normal).sum(axis=1)
-                for at in (points[:, 0], points[:, 1])
-            ]
-        )
+        ends1, ends2 = moving(last, first), moving(last, second)
+        spots = [(points[:, k, 0], points[:, k, 1]) for k in (0, 1)]
+        opening = np.stack([along(speed(ends2, *at), speed(ends1, *at), normal) for at in spots])
         share = np.clip(0.5 + (opening[1] - opening[0]) / (2 * self._even), 0.0, 1.0)
         share[count == 1] = 1.0
-        where = share[:, None] * points[:, 0] + (1 - share)[:, None] * points[:, 1]
-        v1, v2 = speed(mean, first, where), speed(mean, second, where)
-        lost = -(impulse * (v1 - v2)).sum(axis=1)
+        where = [share * near + (1 - share) * far for near, far in zip(*spots, strict=True)]
+        v1, v2 = (speed(moving(mean, objects), *where) for objects in (first, second))
+        lost = -along(v1, v2, impulse)
         work = np.zeros(len(row))
         for objects, sign, v in ((first, -1.0, v1), (second, 1.0, v2)):
             driven = self._scripted[objects]
-            work[driven] += sign * (impulse[driven] * v[driven]).sum(axis=1)
+            if driven.any():
+                part = v[0] * impulse[:, 0] + v[1] * impulse[:, 1]
+                work[driven] += sign * part[driven]
         flow = np.stack([np.bincount(row, values, S) for values in (lost, work)], axis=1).astype(np.float64)
         if len(row):
             least = np.where(count == 1, opening[0], opening.min(axis=0))

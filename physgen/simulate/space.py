@@ -139,7 +139,7 @@ class Space:
         if len(later):
             # most lists come in the order of the last one; only places that tie need more than the first number
             first = in_order[:, _PLACE[0]]
-            if (first[later] <= first[later - 1]).any():
+            if (first.take(later) <= first.take(later - 1)).any():
                 places = rows[:, _PLACE].tolist()
                 for start, end in alike:
                     order[start:end] = sorted(order[start:end].tolist(), key=places.__getitem__)
