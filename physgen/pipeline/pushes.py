@@ -56,7 +56,7 @@ class _Trial:
     wild: float = 2.5
     """Times the push's speed and that of a fall over the photo, from which a motion is an explosion."""
     harder: tuple[float, ...] = (1.0, 1.5, 2.5)
-    """Times the ordinary speed, tried in turn until something is seen to move."""
+    """Times the ordinary speed, tried in turn until something moves half as far as counts in full."""
 
 
 TRIAL = _Trial()
@@ -90,17 +90,21 @@ def default_push(scene: Scene, shapes: Shapes, sure: Mapping[str, float]) -> Pus
     side = max(scene.size)
     ordinary = push_speed(side, scene.world.pixels_per_meter)
     ranked = _ranked(scene, compile_shapes(scene, shapes).world.bodies, sure)
+    best, most, farthest = None, 0.0, 0.0
     for factor in TRIAL.harder:
         speed = float(f"{ordinary * factor:.2g}")
         tried: list[tuple[float, Push]] = []
         for item, way in ranked[: TRIAL.tried]:
             velocity = (round(speed * way[0]), round(speed * way[1]))
-            shown = _shown(scene, shapes, item, velocity)
+            shown, way_gone = _shown(scene, shapes, item, velocity)
             tried.append((shown, Push(item.name, velocity, _comment(way))))
-        most = max((shown for shown, _ in tried), default=0.0)
-        if most > 0:
-            return next(push for shown, push in tried if shown >= TRIAL.enough * most)
-    return None
+            farthest = max(farthest, way_gone)
+        now = max((shown for shown, _ in tried), default=0.0)
+        if now > most:
+            best, most = next(push for shown, push in tried if shown >= TRIAL.enough * now), now
+        if farthest >= TRIAL.far / 2:
+            break
+    return best
 
 
 def _ranked(
@@ -155,8 +159,9 @@ def _ways(scene: Scene, centers: Sequence[Array], k: int) -> list[tuple[float, f
     return ways
 
 
-def _shown(scene: Scene, shapes: Shapes, item: Object, velocity: tuple[float, float]) -> float:
-    """How much a push shows, counted in objects that move far; 0 where it moves none enough, or all explodes."""
+def _shown(scene: Scene, shapes: Shapes, item: Object, velocity: tuple[float, float]) -> tuple[float, float]:
+    """How much a push shows, counted in objects that move far, and the longest displacement, as a part of the photo's
+    longer side; zeros where it moves nothing enough, or all explodes."""
     from physgen.compile.compile import compile_shapes
     from physgen.simulate.engine import simulate
 
@@ -170,8 +175,8 @@ def _shown(scene: Scene, shapes: Shapes, item: Object, velocity: tuple[float, fl
     fastest = float(np.hypot(*np.moveaxis(np.diff(poses, axis=0), -1, 0)).max(initial=0.0)) / times[1]
     fall = (2 * hypot(*scene.world.gravity) * side) ** 0.5
     if away.max(initial=0.0) < TRIAL.least or fastest > TRIAL.wild * (hypot(*velocity) + fall):
-        return 0.0
-    return float(np.minimum(away / TRIAL.far, 1.0).sum() + inside.mean())
+        return 0.0, 0.0
+    return float(np.minimum(away / TRIAL.far, 1.0).sum() + inside.mean()), float(away.max())
 
 
 def _comment(way: tuple[float, float]) -> str:

@@ -105,6 +105,16 @@ def test_fill_ends_a_border_at_the_one_in_front_of_it():
     assert np.abs(filled.astype(int) - whole)[hole].mean() < 5
 
 
+def test_fill_brings_no_wall_into_a_narrow_panel():
+    """At coarse scales hardly a patch of the panel is known as a whole: white blobs came where balls had stood."""
+    y, x = np.mgrid[:200, :260]
+    whole = np.full((200, 260, 3), 245, np.uint8)
+    whole[70:130, 20:240] = 35
+    hole = np.any([np.hypot(x - middle, y - 104) <= 12.6 for middle in range(42, 240, 25)], axis=0)
+    filled = fill()(np.where(hole[:, :, None], np.uint8(140), whole), hole)
+    assert np.abs(filled.astype(int) - whole)[hole].mean() < 4
+
+
 def test_fill_keeps_a_ramp_smooth():
     ramp = np.stack([60 + X, 200 - X, 90 + Y], -1).astype(np.uint8)
     hole = blob("disc")

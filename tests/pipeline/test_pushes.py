@@ -13,6 +13,7 @@ import pytest
 from physgen import pipeline
 from physgen.cli.main import main
 from physgen.compile.shapes import shapes_of
+from physgen.geometry.scale import push_speed
 from physgen.pipeline.pushes import default_push, motion_edits
 from physgen.problems import InputError
 from physgen.text import quantity
@@ -61,6 +62,22 @@ def test_a_ball_with_a_run_up_breaks_the_others(tmp_path: Path) -> None:
     assert push is not None
     assert push.name == "b0"
     assert push.velocity == pytest.approx((np.hypot(*push.velocity), 0), abs=1)
+
+
+def test_what_hardly_moves_is_pushed_harder(tmp_path: Path) -> None:
+    """By closed form v^2 / (2 mu g) the ordinary push moves this block by less than a tenth of the photo."""
+    path = tmp_path / "scene.yaml"
+    path.write_text(
+        "physgen: 1\nsize: [400, 200]\nworld: {pixels_per_meter: 800}\nobjects:\n"
+        "  block: {shape: {polygon: [[100, 130], [140, 130], [140, 150], [100, 150]]}, friction: 1.9}\n"
+        "boundaries: {floor: {segment: [[-200, 150], [800, 150]], friction: 1.9}}\n"
+    )
+    scene = pipeline.load(path)
+    ordinary, push = push_speed(400, 800), default_push(scene, shapes_of(scene, None), {})
+    slowed = 2 * 1.9 * 9.81 * 800
+    assert ordinary**2 / slowed < 40
+    assert push is not None
+    assert abs(push.velocity[0]) > 1.4 * ordinary
 
 
 def test_shorthands_are_edits(row: Path) -> None:

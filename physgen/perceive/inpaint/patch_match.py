@@ -40,6 +40,8 @@ class _Tuning:
     trust: float = 1.3  # a px deeper in the hole is this many times less trusted
     # squared levels a pixel (of 128) for borrowing from as far as the picture is wide
     distance_cost: float = 60.0
+    # squared levels a pixel (of 128) between a patch and its match: where nothing known is like it, the guess stays
+    unlike: float = 2000.0
     max_depth: float = 4.5  # px that the hole may be deep at the coarsest scale
     # px: a coarsest scale with more is halved again (photos over three times as wide as high)
     wide: int = 30_000
@@ -75,6 +77,7 @@ def patch_match_fill(picture: F32, hole: Mask) -> F32:
         return harmonic_fill(picture, hole)
     guess = harmonic_fill(last.picture, last.hole & ~last.drawn)
     field: NDArray[np.int64] | None = None
+    like: F32 = np.ones(last.hole.shape, np.float32)
     for k in range(len(levels) - 1, -1, -1):
         level = levels[k]
         h, w = level.hole.shape
@@ -83,11 +86,13 @@ def patch_match_fill(picture: F32, hole: Mask) -> F32:
             kept = level.hole & ~(level.drawn & (k > TUNING.loose))
             guess = np.where(kept[:, :, None], larger, level.picture)
             field = _doubled(field, (h, w))
+            like = np.asarray(cv2.resize(like, (w, h), interpolation=cv2.INTER_LINEAR), np.float32)
         search = _Search(level, RADIUS if k else 2)
         for _ in range(TUNING.rounds[min(k, 3)]):
             field, cost = search.nearest(guess, field) if k or field is None else search.snapped(field)
-            weight = search.weights(cost)
-            guess = search.vote(level.picture, guess, field, weight, search.radius if k else 1)
+            if k or field is None:
+                like[search.at[:, 0], search.at[:, 1]] = np.exp(-((cost / TUNING.unlike) ** 2))
+            guess = search.vote(level.picture, guess, field, (cost, like), search.radius if k else 1)
             if k > TUNING.loose:
                 guess = np.where(level.drawn[:, :, None], level.picture, guess)
     assert field is not None
@@ -274,20 +279,32 @@ class _Search:
         alike = np.maximum(np.exp(-cost / (2 * max(float(np.quantile(cost, 0.75)), 1.0))), 1e-4)
         return np.asarray(alike * self.trust[self.at[:, 0], self.at[:, 1]], np.float32)
 
-    def vote(self, values: F32, now: F32, field: NDArray[np.int64], weight: F32, reach: int) -> F32:
-        """The mean of what the patches around each pixel of the hole would put there."""
+    def vote(
+        self, values: F32, now: F32, field: NDArray[np.int64], found: tuple[F32, F32], reach: int
+    ) -> F32:
+        """The mean of what the patches around each pixel of the hole would put there.
+
+        `found`: the costs of their matches, and (H, W) 0..1 how alike these are;
+        one that is not votes for what is there now.
+        """
+        weight, share = self.weights(found[0]), found[1][self.at[:, 0], self.at[:, 1]]
         h, w = self.level.hole.shape
         there = field[self.at[:, 0], self.at[:, 1]]
         wide = w + 2 * reach
-        weighed = np.concatenate([values, np.ones((h, w, 1), np.float32)], 2).reshape(-1, 4)
+        weighed, kept = (
+            np.concatenate([part, np.ones((h, w, 1), np.float32)], 2).reshape(-1, 4) for part in (values, now)
+        )
         votes = np.zeros((h + 2 * reach, wide, 4), np.float32)
-        flat, by = votes.reshape(-1, 4), weight[:, None]
+        flat, by = votes.reshape(-1, 4), (weight * share)[:, None]
+        unlike = np.flatnonzero(share < 1)
+        own, rest = self.at[unlike, 0] * w + self.at[unlike, 1], (weight * (1 - share))[unlike, None]
         to, source = self.at[:, 0] * wide + self.at[:, 1], there[:, 0] * w + there[:, 1]
         stride = 2 if reach > 2 else 1  # one in four is enough, where so many overlap
         for down in range(-reach, reach + 1, stride):
             for right in range(-reach, reach + 1, stride):
                 place = to + ((down + reach) * wide + right + reach)
                 flat[place] += by * weighed.take(source + (down * w + right), axis=0)
+                flat[place[unlike]] += rest * kept.take(own + (down * w + right), axis=0, mode="clip")
         inside = (slice(reach, h + reach), slice(reach, w + reach))
         total, count = votes[inside][:, :, :3], votes[inside][:, :, 3:]
         mean = total / np.maximum(count, np.float32(1e-9))
