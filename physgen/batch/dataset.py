@@ -1,4 +1,4 @@
-"""Gather clips into a data set for training, with its card; all clips of a photo are in one split.
+"""Gather clips into a data set for training; all clips of a photo are in one split.
 
 The folder is what Hugging Face's `videofolder` loads:
 
@@ -11,7 +11,6 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-import shlex
 import shutil
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -23,15 +22,13 @@ from typing import Any, BinaryIO
 from physgen import __version__
 from physgen.batch.clips import FoundClip, checked_folders, find_clips
 from physgen.batch.values import parse_yaml
-from physgen.files import new_folder, resource
+from physgen.files import new_folder
 from physgen.problems import InputError, Problem
 from physgen.report.folders import remove_leftovers_once
 from physgen.scene.load import scene_name
 
-DATASET_FILE, CARD = "dataset.json", "README.md"
+DATASET_FILE = "dataset.json"
 ROWS, ABOUT = "metadata.jsonl", "clip.json"
-SIZES = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_000, "100K<n<1M"))
-"""Size categories of the Hugging Face Hub."""
 LABELS = "truth"
 """Folder of a clip's labels."""
 VIDEO = "video.mp4"
@@ -111,8 +108,6 @@ class Member:
     """In the sample: `video.mp4`, or `format/...` of a label."""
     file: str
     """In the clip's folder."""
-    size: int
-    """Bytes."""
 
 
 @dataclass(frozen=True)
@@ -127,34 +122,6 @@ class Sample:
     """The video first."""
     about: Mapping[str, Any]
     """Metadata as JSON."""
-
-    @property
-    def size(self) -> int:
-        """Bytes of all files."""
-        return sum(member.size for member in self.members)
-
-
-@dataclass
-class Count:
-    """Content of one split."""
-
-    clips: int = 0
-    frames: int = 0
-    seconds: float = 0.0
-    bytes: int = 0
-    photos: set[str] = field(default_factory=set)
-
-    def add(self, sample: Sample) -> None:
-        """Adds one sample."""
-        self.clips += 1
-        self.frames += int(sample.about["frames"])
-        self.seconds += float(sample.about["seconds"])
-        self.bytes += sample.size
-        self.photos.add(str(sample.about["photo"]))
-
-    def as_dict(self) -> dict[str, Any]:
-        """For `dataset.json`."""
-        return {**vars(self), "photos": len(self.photos), "seconds": round(self.seconds, 6)}
 
 
 def key(name: str) -> str:
@@ -193,11 +160,9 @@ def _members(folder: Path, files: Mapping[str, str], formats: Collection[str]) -
         for path in map(PurePosixPath, (name, file)):  # a manifest is untrusted
             if ".." in path.parts or path.is_absolute():
                 raise ValueError(file)
-        try:
-            size = (folder / file).stat().st_size
-        except OSError:
-            raise InputError.of(str(folder / file), "", "is missing", "render the clip again") from None
-        yield Member(name, file, size)
+        if not (folder / file).is_file():
+            raise InputError.of(str(folder / file), "", "is missing", "render the clip again")
+        yield Member(name, file)
 
 
 def _about(
@@ -259,19 +224,20 @@ def _parameter(text: str) -> tuple[str, Any]:
 class DatasetSummary:
     """What was done."""
 
-    counts: dict[str, Count]
-    """By split."""
+    counts: Counter[str]
+    """Clips of each split."""
+    photos: set[str] = field(default_factory=set)
     left_out: int = 0
     """Clips that cannot be used."""
     formats: Counter[str] = field(default_factory=Counter)
     """Number of clips that have labels of a format."""
     files: Sequence[Path] = ()
-    """Those that readers open, the card first."""
+    """Those that readers open."""
 
     @property
     def total(self) -> int:
         """Number of clips."""
-        return sum(count.clips for count in self.counts.values())
+        return self.counts.total()
 
 
 class Folders:
@@ -304,7 +270,6 @@ def gather(
     roots: Sequence[Path],
     out: Path,
     options: DatasetOptions,
-    command: Sequence[str],
     warn: Callable[[Problem], None],
     progress: Callable[[int], None] = lambda count: None,
 ) -> DatasetSummary:
@@ -315,7 +280,7 @@ def gather(
     """
     roots = checked_folders(roots)
     _check_output(out, roots)
-    summary = DatasetSummary({name: Count() for name in options.splits.names})
+    summary = DatasetSummary(Counter(dict.fromkeys(options.splits.names, 0)))
     out.parent.mkdir(parents=True, exist_ok=True)
     remove_leftovers_once(out.parent)
     with new_folder(out) as folder:
@@ -323,7 +288,8 @@ def gather(
             written = Folders(folder, stack)
             for total, sample in enumerate(_samples(roots, options, summary, warn), 1):
                 written.add(sample)
-                summary.counts[sample.split].add(sample)
+                summary.counts[sample.split] += 1
+                summary.photos.add(str(sample.about["photo"]))
                 summary.formats.update(sample.about["labels"])
                 progress(total)
         if not summary.total:
@@ -331,12 +297,10 @@ def gather(
             found = "holds no clip that can be used"
             raise InputError.of(", ".join(map(str, roots)), "", found, fix)
         files = sorted(folder.glob(f"*/{ROWS}"))
-        (folder / CARD).write_text(_card(options, summary, command), encoding="utf-8")
-        counts = {name: count.as_dict() for name, count in summary.counts.items()}
-        content = {**options.settings(), "physgen": __version__, "counts": counts}
+        content = {**options.settings(), "physgen": __version__, "clips": summary.counts}
         text = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
         (folder / DATASET_FILE).write_text(text, encoding="utf-8")
-    summary.files = [out / CARD, *(out / path.relative_to(folder) for path in files)]
+    summary.files = [out / path.relative_to(folder) for path in files]
     return summary
 
 
@@ -371,23 +335,3 @@ def _check_output(out: Path, roots: Sequence[Path]) -> None:
             raise InputError.of(str(out), "", f"{place} {root}, which is read", fix)
     if out.exists() and any(out.iterdir()):
         raise InputError.of(str(out), "", "is not empty", "choose another folder with -o, or remove it")
-
-
-def _card(options: DatasetOptions, summary: DatasetSummary, command: Sequence[str]) -> str:
-    """README.md with the front matter of the Hugging Face Hub."""
-    import jinja2
-
-    there = [name for name in options.splits.names if summary.counts[name].clips]
-    text = resource("templates", "dataset.md.j2").read_text(encoding="utf-8")
-    template = jinja2.Template(text, undefined=jinja2.StrictUndefined, keep_trailing_newline=True)
-    card: str = template.render(
-        counts=summary.counts,
-        splits=options.splits,
-        formats=sorted(summary.formats),
-        total=summary.total,
-        there=there,
-        size=next((name for most, name in SIZES if summary.total < most), "n>1M"),
-        command=shlex.join(command),
-        version=__version__,
-    )
-    return card

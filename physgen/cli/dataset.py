@@ -40,18 +40,17 @@ def dataset(options: argparse.Namespace) -> int:
         if count % INTERVAL == 0:
             print_error(f"{count:,} clips")
 
-    done = gather(options.folders, options.output, chosen, options.command_line, warn, progress)
+    done = gather(options.folders, options.output, chosen, warn, progress)
     if warnings > MAX_WARNINGS:
         print_error(f"... and {warnings - MAX_WARNINGS:,} more that cannot be used")
     _odd(done, options)
     if options.json:
-        counts = {name: count.clips for name, count in done.counts.items()}
-        line = {"dataset": str(options.output), "clips": counts, "left_out": done.left_out}
+        line = {"dataset": str(options.output), "clips": done.counts, "left_out": done.left_out}
         print_line(json.dumps({**line, "files": [str(path) for path in done.files]}))
     else:
         for path in done.files:
             print_line(str(path))
-        split = ", ".join(f"{name} {count.clips:,}" for name, count in done.counts.items())
+        split = ", ".join(f"{name} {count:,}" for name, count in done.counts.items())
         print_error(f"{_clips(done.total)}: {split}")
     return WRONG_INPUT if done.left_out else OK
 
@@ -66,9 +65,9 @@ def _odd(done: DatasetSummary, options: argparse.Namespace) -> None:
         if lacking := done.total - done.formats[name]:
             what = f"{_clips(lacking)} of {done.total:,} have no {name}"
             odd(what, f"render them with --export {name}, or leave it out of --format")
-    empty = [name for name, count in done.counts.items() if not count.clips]
+    empty = [name for name, count in done.counts.items() if not count]
     if empty:
-        photos = sum(len(count.photos) for count in done.counts.values())
+        photos = len(done.photos)
         fix = "splits are by photo: take more photos, another --seed, or other shares with --split"
         there = "there is 1 photo" if photos == 1 else f"there are {photos:,} photos"
         odd(f"has no clip in {', '.join(empty)}: {there}", fix)

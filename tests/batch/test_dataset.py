@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
 from physgen.batch.clips import find_clips
 from physgen.batch.dataset import Folders, Sample, Splits, read_splits
@@ -82,8 +81,13 @@ def test_a_folder_has_a_row_for_every_clip(made: Path, tmp_path: Path, capsys) -
     swept = [json.loads(row["parameters"]) for _, row in told if row["scene"] == "scene-0"]
     assert [tuple(values.values()) for values in swept] == [(30, 50), (30, 200), (60.5, 50), (60.5, 200)]
     assert set(swept[0]) == {"objects.ball.velocity.0", "objects.ball.mass"}
-    printed = capsys.readouterr().out.split()
-    assert printed[0] == str(out / "README.md")
+    assert capsys.readouterr().out.split() == [
+        str(out / name / "metadata.jsonl") for name in ("test", "train")
+    ]
+    made_of = json.loads((out / "dataset.json").read_text())
+    assert made_of["clips"] == {
+        name: sum(row["split"] == name for _, row in told) for name in ("train", "test")
+    }
 
 
 def test_all_clips_of_a_photo_are_in_one_split_whatever_else_there_is(made: Path, tmp_path: Path) -> None:
@@ -148,23 +152,6 @@ def test_labels_can_be_chosen(made: Path, tmp_path: Path) -> None:
     assert dataset(made, out, "--format", "events") == 0
     for _, row in rows(out):
         assert row["labels"] in (["events"], [])
-
-
-def test_the_card_says_what_there_is(made: Path, tmp_path: Path) -> None:
-    out = tmp_path / "data"
-    dataset(made, out, *HALVES)
-    _, front, text = (out / "README.md").read_text().split("---\n", 2)
-    about = yaml.safe_load(front)
-    assert about["license"] == "unknown"
-    files = {entry["split"]: entry["path"] for entry in about["configs"][0]["data_files"]}
-    assert files == {s: [f"{s}/metadata.jsonl", f"{s}/*/video.mp4"] for s in ("train", "test")}
-    assert "8 video clips" in text
-    assert "licence of the photos is unknown" in text
-    assert f"physgen dataset {made}" in text
-    counts = json.loads((out / "dataset.json").read_text())["counts"]
-    assert sum(count["clips"] for count in counts.values()) == 8
-    for split, count in counts.items():
-        assert f"| {split} | {count['clips']} | {count['photos']} | {count['frames']} |" in text
 
 
 def test_clips_that_cannot_be_used_are_told_and_left_out(made: Path, tmp_path: Path, capsys) -> None:
