@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,6 @@ from physgen.problems import InputError, Limit, Place
 from physgen.text import natural
 
 U8 = NDArray[np.uint8]
-Item = TypeVar("Item")
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff", ".ppm", ".pgm", ".pnm")
 """Of pictures in a folder; other files are passed over."""
@@ -138,35 +137,6 @@ def _upright(rgb: U8, frame: Any) -> U8:
     return np.ascontiguousarray(rgb[::-1] if b + d < 0 else rgb)
 
 
-class Decoded(Sequence[Item]):
-    """Frames that are decoded when they are read; one is kept, and going back starts from the first."""
-
-    def __init__(self, path: Path, start: Callable[[], Iterator[Item]], count: int) -> None:
-        """`start` decodes from the first frame on."""
-        self._path, self._start, self._count = path, start, count
-        self._running: Iterator[Item] | None = None
-        self._at = -1
-        self._held: list[Item] = []
-
-    def __len__(self) -> int:
-        return self._count
-
-    def __getitem__(self, index: int) -> Item:  # type: ignore[override]  # no slices
-        """Raises InputError where the file has changed."""
-        if not 0 <= index < self._count:
-            raise IndexError(index)
-        if self._running is None or index < self._at:
-            self._running, self._at = self._start(), -1
-        while self._at < index:
-            try:
-                self._held = [next(self._running)]
-            except StopIteration:
-                fix = "leave it as it is while it is read"
-                raise InputError.of(str(self._path), "", "has lost frames since it was opened", fix) from None
-            self._at += 1
-        return self._held[0]
-
-
 @dataclass(frozen=True)
 class Video:
     """A video whose every frame could be decoded; its sound is not read."""
@@ -176,8 +146,12 @@ class Video:
     """Width and height, px."""
     fps: float | None
     """1/s, the mean where frames are shown for different times; None: pictures, which have no time."""
-    frames: Sequence[U8]
-    """(H, W, 3) sRGB each."""
+    count: int
+    """Of its frames."""
+
+    def frames(self) -> Iterator[U8]:
+        """(H, W, 3) sRGB each, decoded as they are read."""
+        return (frame.rgb for frame in video_frames(self.path))
 
 
 def read_video(path: Path) -> Video:
@@ -198,7 +172,7 @@ def read_video(path: Path) -> Video:
     timed = [s for s in seconds if s]
     if fps is None and timed:
         fps = len(timed) / sum(timed)
-    return Video(path, size, fps, Decoded(path, lambda: (frame.rgb for frame in start()), len(seconds)))
+    return Video(path, size, fps, len(seconds))
 
 
 def video_frames(path: Path) -> Iterator[VideoFrame]:

@@ -164,7 +164,7 @@ def _is_film(path: Path) -> bool:
 def read_clip(path: Path) -> tuple[Video, float]:
     """A clip and its frames a second. Raises InputError for one that is no video."""
     clip = read_video(path)
-    if len(clip.frames) < 2:
+    if clip.count < 2:
         raise InputError.of(str(path), "", "has one frame: it is no video", "make at least two frames")
     if clip.fps is None:
         raise InputError.of(str(path), "", "does not say how fast it plays", "save it as MP4")
@@ -326,11 +326,11 @@ def make(
 def _encoded(path: Path) -> tuple[bytes, tuple[int, int]]:
     """As an MP4 of ours, and its size. Raises InputError."""
     clip, fps = read_clip(path)
-    first = within(clip.frames[0])
+    first = within(next(clip.frames()))
     size = first.shape[1], first.shape[0]
     with TemporaryDirectory() as place:
         with open_video(Path(place), Format.MP4, size, fps) as write:
-            for frame in clip.frames:
+            for frame in clip.frames():
                 write(within(frame))
         return (Path(place) / Format.MP4.file).read_bytes(), size
 
