@@ -159,13 +159,11 @@ def events(clip: Shown) -> Iterator[tuple[str, U8]]:
     picture, draw = pen(clip.rgb)
     for event in told["events"]:
         place = event.get("place", {}).get("video")
-        if event["kind"] in ("collision", "tip", "push", "rest") and place and event["frame"] <= clip.index:
+        if event["kind"] in ("collision", "push", "rest") and place and event["frame"] <= clip.index:
             x, y = place
-            colour = {"collision": (255, 80, 60), "tip": (255, 200, 40), "push": (90, 200, 255)}.get(
-                event["kind"], (120, 255, 120)
-            )
+            colour = {"collision": (255, 80, 60), "push": (90, 200, 255)}.get(event["kind"], (120, 255, 120))
             draw.ellipse((x - 5, y - 5, x + 5, y + 5), outline=colour, width=2)
-    yield "events so far: red blows, yellow tips, blue pushes, green rests", np.asarray(picture)
+    yield "events so far: red blows, blue pushes, green rests", np.asarray(picture)
 
 
 def trajectory(clip: Shown) -> Iterator[tuple[str, U8]]:

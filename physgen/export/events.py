@@ -1,4 +1,4 @@
-"""Events of a motion as JSON: pushes, starts, collisions, tips, picture borders and rests.
+"""Events of a motion as JSON: pushes, starts, collisions, picture borders and rests.
 
 The number of frames and their rate change nothing: the motion is sampled again, evenly and around impacts.
 """
@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import Enum
 from functools import partial
-from math import ceil, pi, radians
+from math import ceil, radians
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ from physgen.export.labels import Clip, Writer, write_json
 from physgen.geometry.polygon import Array, rotation
 from physgen.render.camera import Shot
 from physgen.render.contacts import Impact, find_impacts
-from physgen.scene.scene import Load, Motion, Play, Point, Solid, View
+from physgen.scene.scene import Load, Motion, Play, Point
 from physgen.simulate.engine import simulate
 from physgen.simulate.trajectory import REST_SPEED, REST_TURN, Trajectory, rest_times, resting_mask
 
@@ -36,8 +36,6 @@ class EventLimits:
     shift: float = 0.005
     """Of the photo's longer side, by which an object's centre or rim must leave its place at t = 0: less is settling,
     which is hardly seen."""
-    loose: float = 1e-3
-    """s within which a touch that ends does not support any more."""
     rate: float = 240.0
     least: int = 720
     """Samples of the motion: a second, and in all; no more than the engine's steps."""
@@ -51,8 +49,6 @@ class EventLimits:
 
 LIMITS = EventLimits()
 
-TIPPED = pi / 4
-"""rad."""
 SIDES = ("left", "right", "top", "bottom")
 
 
@@ -65,12 +61,8 @@ class EventKind(Enum):
     """An impulse is given to it, or a force or torque acts until `until`."""
     MOVE = "move"
     """It starts to move, and leaves its place by more than `LIMITS.shift`."""
-    FALL = "fall"
-    """The same without contact, joint or push: gravity alone moves it."""
     COLLISION = "collision"
     """An impact between two surfaces."""
-    TIP = "tip"
-    """It has turned by 45 degrees; not for balls and discs, and only in side view."""
     LEAVE = "leave"
     """The last of it leaves the picture."""
     ENTER = "enter"
@@ -101,7 +93,7 @@ class Event:
     closing: float | None = None
     """px/s at which the contact points of a collision approach each other just before."""
     side: str = ""
-    """Of the picture, where an object leaves or enters: one of SIDES; where to it tips: left or right."""
+    """Of the picture, where an object leaves or enters: one of SIDES."""
 
 
 def events(
@@ -194,7 +186,7 @@ def _nearing(world: World, seen: Trajectory, sample: int, impact: Impact) -> tup
 
 
 def _motions(world: World, seen: Trajectory) -> Iterator[Event]:
-    """Starts, falls, tips and rests of each body by itself."""
+    """Starts and rests of each body by itself."""
     resting, least = resting_mask(seen), LIMITS.shift * max(world.size)
     for k, (body, rest) in enumerate(zip(world.bodies, rest_times(seen), strict=True)):
         poses = seen.poses[:, k]
@@ -204,11 +196,6 @@ def _motions(world: World, seen: Trajectory) -> Iterator[Event]:
         if not len(gone):
             continue
         yield _start(world, seen, k, int(gone[0]), resting[:, k])
-        if _can_tip(world, body) and turned.max() > TIPPED:
-            at = int(np.argmax(turned > TIPPED))
-            time = _crossing(seen.times, turned - TIPPED, at)
-            side = "right" if poses[at, 2] > poses[0, 2] else "left"
-            yield Event(EventKind.TIP, time, (k,), _pair(poses[at]), side=side)
         if rest is not None:
             yield Event(EventKind.REST, rest, (k,), _pair(poses[_sample(seen, rest)]))
 
@@ -217,11 +204,6 @@ def _crossing(times: Array, values: Array, at: int) -> float:
     """s: where values pass 0 between sample `at` - 1 and `at`."""
     low, high = float(values[at - 1]), float(values[at])
     return float(times[at - 1] + low / (low - high) * (times[at] - times[at - 1]))
-
-
-def _can_tip(world: World, body: Body) -> bool:
-    round_ = body.radius is not None or body.solid is Solid.SPHERE
-    return world.view is View.SIDE and not round_ and body.motion is Motion.DYNAMIC
 
 
 def _start(world: World, seen: Trajectory, k: int, gone: int, resting: NDArray[np.bool_]) -> Event:
@@ -236,24 +218,8 @@ def _start(world: World, seen: Trajectory, k: int, gone: int, resting: NDArray[n
         return Event(EventKind.MOVING, 0.0, (k,), _pair(poses[0]), vector=_pair(velocities[0]))
     at = max(np.flatnonzero(resting[: gone + 1]).tolist(), default=0)  # an impulse at t = 0 shows at once
     at += at > 0  # after a rest, it moves in the first sample that shows it
-    time = float(seen.times[at])
-    kind = EventKind.FALL if _falls(world, seen, k, time) else EventKind.MOVE
-    return Event(kind, time, (k,), _pair(poses[at]), vector=_pair(velocities[gone]))
-
-
-def _falls(world: World, seen: Trajectory, k: int, time: float) -> bool:
-    """Whether gravity is all that can move it."""
-    if world.view is not View.SIDE or not world.gravity.any() or world.bodies[k].motion is not Motion.DYNAMIC:
-        return False
-    held = any(k in (joint.first, joint.second) for joint in world.joints)
-    blown = any(k in field.bodies for field in world.fields)
-    soon, late = time + LIMITS.loose, time - LIMITS.loose
-    pushes = (p for p in world.pushes if p.body == k and p.start <= soon)
-    pushed = any(p.end > time or p.start >= late for p in pushes)
-    begin, end = seen.contacts.touch_times.T
-    own = (seen.contacts.touch_pairs == k).any(axis=1)
-    touched = (own & (begin <= time + LIMITS.loose) & (end > time + LIMITS.loose)).any()
-    return not (held or blown or pushed or touched)
+    time, place = float(seen.times[at]), _pair(poses[at])
+    return Event(EventKind.MOVE, time, (k,), place, vector=_pair(velocities[gone]))
 
 
 def _borders(world: World, seen: Trajectory, shot: Shot) -> Iterator[Event]:
