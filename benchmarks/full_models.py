@@ -22,17 +22,14 @@ from transformers import CLIPTextConfig, CLIPTextModel, CLIPTokenizer
 
 from physgen.perceive.backends.models import device_of, dtype_of
 from physgen.refine.backends import animatediff
-from physgen.refine.backends.sampling import Kind, Sampler
 from physgen.registry import Setup
 
 diffusers.logging.set_verbosity_error()  # it warns of casts that change nothing
 LETTERS = "abcdefghijklmnopqrstuvwxyz"
 
 
-def made(
-    kind: Kind, network: Callable[..., Any], build: Callable[[], Any], folder: Path, setup: Setup
-) -> Sampler:
-    """`kind` on the parts that `build` makes: configurations go through the folder, weights are made in place."""
+def made(build: Callable[[], Any], folder: Path, setup: Setup) -> animatediff.Sampler:
+    """AnimateDiff on the parts that `build` makes: configurations go through the folder, weights are made in place."""
     device = device_of(setup)
     dtype = dtype_of(setup, device)
     torch.manual_seed(0)
@@ -52,11 +49,12 @@ def made(
             part.eval().requires_grad_(False)
             for weight in part.parameters():
                 weight.uniform_(-0.02, 0.02)
-        if hasattr(part, "save_config"):
+        if hasattr(part, "save_config") and not (folder / name).exists():
             part.save_config(folder / name)
+    index["unet"] = ["diffusers", "UNet2DConditionModel"]  # as weights have it: the pipeline puts the adapter into it
     (folder / "model_index.json").write_text(json.dumps(index))
-    whole = replace(kind, load=lambda *_: network(pipe, device, dtype))
-    return Sampler(whole, replace(setup, weights=str(folder), device=device))
+    animatediff.load = lambda *_: animatediff.AnimateDiff(pipe, device, dtype)
+    return animatediff.Sampler(replace(setup, weights=f"{folder}/motion_adapter,{folder}", device=device))
 
 
 @contextmanager
@@ -87,11 +85,12 @@ def _clip_text(folder: Path) -> dict[str, Any]:
     return {"text_encoder": CLIPTextModel(config), "tokenizer": tokens}
 
 
-def stable_diffusion(folder: Path, setup: Setup) -> Sampler:
+def stable_diffusion(folder: Path, setup: Setup) -> animatediff.Sampler:
     """Stable Diffusion 1.5 with a motion adapter v1-5-3."""
 
     def build() -> Any:
         unet = UNet2DConditionModel(sample_size=64, cross_attention_dim=768, attention_head_dim=8)
+        unet.save_config(folder / "unet")
         vae = AutoencoderKL(
             block_out_channels=[128, 256, 512, 512], latent_channels=4, sample_size=512,
             down_block_types=["DownEncoderBlock2D"] * 4, up_block_types=["UpDecoderBlock2D"] * 4, layers_per_block=2,
@@ -101,10 +100,10 @@ def stable_diffusion(folder: Path, setup: Setup) -> Sampler:
             scheduler=DDIMScheduler(beta_start=0.00085, beta_end=0.012), **_clip_text(folder),
         )  # fmt: skip
 
-    return made(animatediff.KIND, animatediff.AnimateDiff, build, folder, setup)
+    return made(build, folder, setup)
 
 
-FULL: Mapping[str, Callable[[Path, Setup], Sampler]] = {
+FULL: Mapping[str, Callable[[Path, Setup], animatediff.Sampler]] = {
     "animatediff": stable_diffusion,
 }  # fmt: skip
 """A folder for configurations and a setup -> the backend."""

@@ -22,7 +22,7 @@ import torch
 
 from physgen import registry
 from physgen.problems import InputError
-from physgen.refine.backends import sampling
+from physgen.refine.backends import animatediff as backend
 from physgen.refine.backends import sampling as loading
 from physgen.refine.denoiser import Denoiser, PromptSettings
 from physgen.refine.fusion import Refinement, RefineSettings
@@ -198,7 +198,7 @@ def test_parts_that_come_and_go_do_the_same(video: Video, monkeypatch: pytest.Mo
         return "model"
 
     with monkeypatch.context() as patch:
-        patch.setattr(sampling, "place_pipeline", in_parts)
+        patch.setattr(backend, "place_pipeline", in_parts)
         model = video()
         model.close()  # other tests share it
         made = refined(model, count=5)

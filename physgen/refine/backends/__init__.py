@@ -1,7 +1,7 @@
 """Video diffusion models, one file each; what each takes and gives is `refine.denoiser.Denoiser`.
 
-`sampling` is what they share: weights, devices, steps, memory. A model's own file knows its layout of latents, its
-text, its schedule, and what else it wants to be shown.
+`sampling` loads pipelines and takes steps. A model's own file knows its layout of latents, its
+text, its schedule and its memory.
 """
 
 from __future__ import annotations
