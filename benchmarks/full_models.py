@@ -51,7 +51,8 @@ def made(build: Callable[[], Any], folder: Path, setup: Setup) -> animatediff.Sa
                 weight.uniform_(-0.02, 0.02)
         if hasattr(part, "save_config") and not (folder / name).exists():
             part.save_config(folder / name)
-    index["unet"] = ["diffusers", "UNet2DConditionModel"]  # as weights have it: the pipeline puts the adapter into it
+    # as weights have it: the pipeline puts the adapter into it
+    index["unet"] = ["diffusers", "UNet2DConditionModel"]
     (folder / "model_index.json").write_text(json.dumps(index))
     animatediff.load = lambda *_: animatediff.AnimateDiff(pipe, device, dtype)
     return animatediff.Sampler(replace(setup, weights=f"{folder}/motion_adapter,{folder}", device=device))

@@ -222,23 +222,15 @@ def record_failure(done: Done, out: Path, gallery: bool) -> None:
 
     A record that cannot be written is left out: the problems were printed.
     """
-    from physgen.report.page import failed_page
-
     job = done.job
     with suppress(InputError, OSError):
         if done.folder is not None:
             remove_failure(out, job.name)
         elif gallery and Path(job.scene).is_file():  # neither a typo nor a pipe
-            try:
-                text = Path(job.scene).read_text(encoding="utf-8")
-            except (OSError, ValueError):
-                text = ""
             options = job.options
-            page = failed_page(job.name, done.problems, options.command, text, job.scene)
             write_failure(
                 out,
                 failure_of(
                     job.name, job.scene, options.variant, options.overrides, options.command, done.problems
                 ),
-                page,
             )

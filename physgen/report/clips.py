@@ -16,7 +16,6 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from physgen.files import write_atomic
 from physgen.problems import InputError, Problem, Severity
 from physgen.report.record import write_json
 from physgen.text import natural
@@ -58,23 +57,21 @@ def failure_of(
     return Failure(scene, path, variant, tuple(overrides), tuple(command), errors, warnings)
 
 
-def write_failure(out: Path, failure: Failure, page: str) -> None:
-    """Writes it and its `page` atomically, in place of an earlier one; a file that is not ours stays."""
+def write_failure(out: Path, failure: Failure) -> None:
+    """Writes it atomically, in place of an earlier one; a file that is not ours stays."""
     file = out / f"{failure.scene}{ENDING}"
     if file.exists() and read_failure(file) is None:
         return
     out.mkdir(parents=True, exist_ok=True)
     write_json(file, {"failed": 1, **vars(failure)})
-    write_atomic(file.with_suffix(".html"), page.encode("utf-8"))
 
 
 def remove_failure(out: Path, scene: str) -> None:
     """After the clip has succeeded."""
     file = out / f"{scene}{ENDING}"
     if read_failure(file) is not None:
-        for left in (file.with_suffix(".html"), file):
-            with suppress(OSError):
-                left.unlink()
+        with suppress(OSError):
+            file.unlink()
 
 
 def read_failure(file: Path) -> Failure | None:
@@ -238,7 +235,6 @@ def _failed(file: Path, failure: Failure) -> Clip:
         failure.overrides,
         warnings=failure.warnings,
         problems=tuple(texts) or ("failed",),
-        report=page if (page := file.with_suffix(".html")).is_file() else None,
         time=file.stat().st_mtime,
     )
 

@@ -5,10 +5,8 @@ from __future__ import annotations
 import hashlib
 import platform
 import shlex
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +15,6 @@ from physgen import __version__
 from physgen.compile.world import World, pair_table
 from physgen.export.video import U8
 from physgen.files import resource
-from physgen.problems import Problem
 from physgen.report.films import Film
 from physgen.report.html import jpeg, script_json, template
 from physgen.report.parameters import (
@@ -44,8 +41,6 @@ class PageLimits:
 
     photo_quality: int = 90
     """Of the JPEG."""
-    most_lines: int = 5000
-    """Of a scene file that is shown with line numbers."""
     most_contacts: int = 200
     """Rows of the table of contacts, the strongest."""
 
@@ -127,40 +122,6 @@ def report_page(
         fan=fan,
         provenance=provenance(record, scene_text, _scene_file(scene)),
         version=__version__,
-    )
-    return page
-
-
-def failed_page(
-    name: str, problems: Sequence[Problem], command: Sequence[str], scene_text: str, path: str = ""
-) -> str:
-    """The page of a scene that gave no clip: its errors, and its text as far as it could be read.
-
-    `path` is the scene's file: its lines with errors are marked.
-    """
-    own = {p.place for p in problems if p.place.line and (not path or Path(p.place.file) == Path(path))}
-    rows = []
-    for p in problems:
-        short = p.place._replace(file=Path(p.place.file).name) if p.place.line else p.place
-        rows.append(
-            {
-                "place": str(short),
-                "whole": str(p.place),
-                "line": p.place.line if p.place in own else 0,
-                "path": p.path,
-                "what": " ".join(filter(None, (p.found, p.expected))),
-                "fix": p.fix,
-            }
-        )
-    page: str = template("failed.html.j2").render(
-        title=name,
-        path=path,
-        problems=rows,
-        command=shlex.join(command),
-        scene_text=scene_text,
-        lines=scene_text.splitlines() if scene_text.count("\n") <= LIMITS.most_lines else [],
-        wrong={place.line for place in own},
-        versions=versions(),
     )
     return page
 

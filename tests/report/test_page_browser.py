@@ -11,11 +11,9 @@ import written
 from browser import G, V, fallen, grave, opened, overflowing, report, unfolded
 from pytest import approx
 
-from physgen import pipeline
 from physgen.files import resource
-from physgen.problems import InputError
 from physgen.render.contacts import contact_points_between
-from physgen.report.page import SCRIPTS, failed_page
+from physgen.report.page import SCRIPTS
 
 # ---- charts ----------------------------------------------------------------------------------------------------------
 
@@ -55,28 +53,6 @@ def test_charts_tell_what_nature_does(browser: Any, pages: Path) -> None:
 
 
 # ---- whoever reads it, whatever is in it -----------------------------------------------------------------------------
-
-
-def test_a_failed_scene_has_a_page(browser: Any, tmp_path: Path) -> None:
-    (tmp_path / "bad.yaml").write_text(
-        "physgen: 1\nsize: [10, 10]\nobjects: {a: {shape: auto, mass: <b>heavy</b>}}\n"
-    )
-    with pytest.raises(InputError) as caught:
-        pipeline.load(tmp_path / "bad.yaml")
-    text = (tmp_path / "bad.yaml").read_text()
-    page = failed_page("bad", caught.value.problems, ["physgen", "render", "bad.yaml"], text)
-    (tmp_path / "report.html").write_text(page, encoding="utf-8")
-    with opened(browser, tmp_path / "report.html", ready=False) as seen:
-        told = seen.page.inner_text("main")
-        assert '"<b>heavy</b>" is not a number' in told
-        wrong = seen.page.locator(".listing .wrong")
-        assert [t.strip() for t in wrong.all_inner_texts()] == [
-            "objects: {a: {shape: auto, mass: <b>heavy</b>}}"
-        ]
-        seen.page.click(".faults a")
-        assert seen.page.evaluate("() => document.querySelector(':target').className") == "wrong"
-        assert seen.errors == []
-        assert [u for u in seen.asked if not u.startswith(("file:", "data:"))] == []
 
 
 def test_without_scripts_the_picture_the_video_and_the_tables_stay(browser: Any, pages: Path) -> None:
