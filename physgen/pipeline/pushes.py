@@ -200,6 +200,9 @@ def motion_edits(
         name, _, rest = text.partition("=")
         item = named(scene, "--push", name.strip())
         way, speed = _direction_and_speed(scene, "--push", rest)
+        if not way:
+            fix = f"write --push {item.name}=right"
+            raise InputError.of("--push", f'"{text}"', "lacks a direction", fix)
         x, y = _direction("--push", way)
         edits |= _let_go(item)
         per_meter = scene.world.pixels_per_meter

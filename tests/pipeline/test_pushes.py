@@ -64,6 +64,15 @@ def test_a_ball_with_a_run_up_breaks_the_others(tmp_path: Path) -> None:
     assert push.velocity == pytest.approx((np.hypot(*push.velocity), 0), abs=1)
 
 
+@pytest.mark.parametrize(
+    ("text", "found"), [("domino-0", "lacks a direction"), ("domino-0=sideways", "is no direction")]
+)
+def test_a_push_without_a_direction(text: str, found: str, row: Path) -> None:
+    scene = pipeline.load(row)
+    with pytest.raises(InputError, match=f"{found} direction"):
+        motion_edits(scene, pipeline.compile(scene, None), [text], [], [])
+
+
 def test_what_hardly_moves_is_pushed_harder(tmp_path: Path) -> None:
     """By closed form v^2 / (2 mu g) the ordinary push moves this block by less than a tenth of the photo."""
     path = tmp_path / "scene.yaml"
