@@ -6,7 +6,6 @@ import csv
 import fcntl
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
 
@@ -16,26 +15,18 @@ Cell = str | int | float | bool | None
 """None is an empty cell."""
 
 
-@dataclass(frozen=True)
-class Column:
-    """One column of a table."""
-
-    name: str
-    unit: str = ""
-
-
 class Table:
     """Takes rows; `publish` gives the file its name, and leaving the block without it removes the file."""
 
-    def __init__(self, path: Path, columns: Sequence[Column]) -> None:
-        """`path` ends in `.csv`."""
+    def __init__(self, path: Path, columns: Sequence[str]) -> None:
+        """`path` ends in `.csv`; `columns` are their names."""
         self.count = 0
         self.path = path
-        self._names = [column.name for column in columns]
+        self._names = columns
 
     def __enter__(self) -> Table:
         self._file = _open_part(self.path)
-        self._part = Path(self._file.name)
+        self.part = Path(self._file.name)
         self._rows = csv.writer(self._file, lineterminator="\n")
         self._rows.writerow(self._names)
         return self
@@ -51,12 +42,12 @@ class Table:
         """Completes the file."""
         with self._named_errors():
             self._file.close()
-            self._part.replace(self.path)
+            self.part.replace(self.path)
 
     def __exit__(self, *error: object) -> None:
         with suppress(OSError):  # a full disk fails once more; nobody needs this file
             self._file.close()
-        self._part.unlink(missing_ok=True)
+        self.part.unlink(missing_ok=True)
 
     @contextmanager
     def _named_errors(self) -> Iterator[None]:

@@ -12,21 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.simulate.trajectory import Trajectory, new_touches, rest_times
-from physgen.tables import Cell, Column
+from physgen.tables import Cell
 
-ALL_OBJECTS = (
-    Column("peak_speed", "px/s"),
-    Column("rest_time", "s"),
-    Column("first_touch", "s"),
-    Column("touches"),
-)
-EACH_OBJECT = (Column("x", "px"), Column("y", "px"), Column("angle_degrees", "degrees"), *ALL_OBJECTS)
+ALL_OBJECTS = ("peak_speed", "rest_time", "first_touch", "touches")
+"""px/s, s, s."""
+EACH_OBJECT = ("x", "y", "angle_degrees", *ALL_OBJECTS)
+"""px, px, degrees, and as above."""
 
 
-def columns(tracked: Sequence[str]) -> tuple[Column, ...]:
+def columns(tracked: Sequence[str]) -> tuple[str, ...]:
     """Columns of all objects together, then `objects.NAME.` of each tracked one."""
-    each = (Column(f"objects.{name}.{c.name}", c.unit) for name in tracked for c in EACH_OBJECT)
-    return (*ALL_OBJECTS, *each)
+    return (*ALL_OBJECTS, *(f"objects.{name}.{column}" for name in tracked for column in EACH_OBJECT))
 
 
 def outcomes(trajectory: Trajectory, tracked: Sequence[str]) -> dict[str, Cell]:

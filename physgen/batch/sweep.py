@@ -1,4 +1,4 @@
-"""A sweep: clips computed from their number alone, their names, a check before anything is rendered, and its files.
+"""A sweep: clips computed from their number alone, their names, a check before anything is rendered, and its table.
 
 The order of clips: variants are outermost, then the keys of the grid in the order of the arguments, the last one
 fastest. At every point of the grid stand the same draws, so that points differ in the grid's keys only.
@@ -10,10 +10,9 @@ sweep. Adding a value at the end of an axis, or draws, leaves the other names as
 
 from __future__ import annotations
 
-import json
-import os
+import csv
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from hashlib import sha256
@@ -25,13 +24,11 @@ from physgen.batch.axes import Axis, Drawn, Listed, same_key
 from physgen.batch.run import Done
 from physgen.batch.values import Value
 from physgen.files import back_up
-from physgen.problems import InputError, Place, Problem, Severity
-from physgen.report.record import file_hash, versions, write_json
-from physgen.report.sweep_keys import shortest_names, unit
+from physgen.problems import InputError, Problem, Severity
+from physgen.report.sweep_keys import shortest_names
 from physgen.scene.load import Opened
 from physgen.scene.scene import Scene
-from physgen.simulate.trajectory import REST_DURATION, REST_SPEED, REST_TURN, START_TIME
-from physgen.tables import Cell, Column
+from physgen.tables import Cell
 from physgen.text import quoted
 
 MAX_CLIPS = 10_000_000
@@ -41,12 +38,6 @@ MAX_VALUE_LENGTH = 24
 """Characters of a value in a name."""
 MAX_CHECKED_VARIANTS = 50
 """So that no sweep begins with a long wait."""
-
-
-SWEEP_FILE = "sweep.json"
-TABLE = "sweep.csv"
-NOT_OURS = "is there already and was not made by physgen"
-NOT_OURS_FIX = "move it away, or choose another folder with -o"
 
 
 @dataclass(frozen=True)
@@ -239,20 +230,10 @@ def _scene(
         ) from None
 
 
-def table_columns(sweep: Sweep, outcomes: Sequence[Column]) -> tuple[Column, ...]:
+def table_columns(sweep: Sweep, outcomes: Sequence[str]) -> tuple[str, ...]:
     """Columns of the table: the clip, its values, its state, its outcomes and its files."""
-    lead = (Column("number"), *_texts("name", "variant", "folder"))
-    keys = (Column(axis.key, unit(_numbered(axis.path))) for axis in sweep.axes)
-    return (*lead, *keys, *_texts("state", "error"), *outcomes, *_texts("video", "manifest"))
-
-
-def _texts(*names: str) -> tuple[Column, ...]:
-    return tuple(Column(name) for name in names)
-
-
-def _numbered(path: Sequence[str | int]) -> tuple[str | int, ...]:
-    """With integers for indices: `velocity.0` is one spelling of `velocity[0]`."""
-    return tuple(int(part) if str(part).isdecimal() else part for part in path)
+    keys = (axis.key for axis in sweep.axes)
+    return ("number", "name", "variant", "folder", *keys, "state", "error", *outcomes, "video", "manifest")
 
 
 def table_row(sweep: Sweep, point: Point, done: Done) -> dict[str, Cell]:
@@ -271,66 +252,16 @@ def table_row(sweep: Sweep, point: Point, done: Done) -> dict[str, Cell]:
     return cells | {"state": "done"} | files | dict(done.outcomes or {})
 
 
-def sweep_record(sweep: Sweep, scene: str, out: str, **more: Any) -> dict[str, Any]:
-    """Content of `sweep.json`; `more` is added: overrides, formats, the command."""
-    return {
-        "sweep": 1,
-        "scene": Path(os.path.relpath(Path(scene).resolve(), Path(out).resolve())).as_posix(),
-        "sha256": file_hash(Path(scene)),
-        "clips": len(sweep),
-        **_settings(sweep),
-        **more,
-        "versions": versions(),
-        "rest": {"px/s": REST_SPEED, "degrees/s": REST_TURN, "lasting s": REST_DURATION},
-        "start s": START_TIME,
-    }
+def keep_other_table(table: Path, made: Path, keep: Callable[[Path], None]) -> None:
+    """A `table` of other clips than those of the one just `made`, or any other file there, is kept as `NAME~`."""
+    if table.is_file() and _names(table) != _names(made):
+        back_up(table, keep)
 
 
-def _settings(sweep: Sweep) -> dict[str, Any]:
-    """What the clips follow from, besides the scene."""
-    return {
-        "axes": [
-            {"key": axis.key, "values": axis.argument.partition("=")[2].strip()}
-            | ({"count": len(axis.values)} if isinstance(axis, Listed) else {"drawn": True})
-            for axis in sweep.axes
-        ],
-        "variants": list(sweep.variants),
-        "samples": sweep.samples,
-        "seed": sweep.seed,
-    }
-
-
-def read_sweep_record(folder: Path) -> dict[str, Any] | None:
-    """The `sweep.json` of a folder; None where physgen wrote none there."""
-    try:
-        record = json.loads((folder / SWEEP_FILE).read_text(encoding="utf-8"))
-        return record if record["sweep"] == 1 else None
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
-
-
-def begin(folder: Path, record: Mapping[str, Any], sweep: Sweep) -> list[Problem]:
-    """Writes `sweep.json` into the sweep's folder; returns warnings. Raises InputError and OSError.
-
-    No file of the user is overwritten: a `sweep.json` or table that physgen did not write is refused, and the tables
-    of another sweep are kept as `NAME~`.
-    """
-    if folder.exists() and not folder.is_dir():
-        raise InputError.of("-o", f'"{folder}"', "is a file", "name a folder")
-    before = read_sweep_record(folder)
-    if before is None:
-        for name in (SWEEP_FILE, TABLE):
-            if (folder / name).exists():
-                raise InputError.of(str(folder / name), "", NOT_OURS, NOT_OURS_FIX)
-    kept: list[Path] = []
-    if before is not None and any(before.get(key) != value for key, value in _settings(sweep).items()):
-        back_up(folder / TABLE, kept.append)
-    folder.mkdir(parents=True, exist_ok=True)
-    write_json(folder / SWEEP_FILE, record)
-    found = ((path.name.rpartition("~")[0], path.name) for path in kept)
-    return [
-        Problem(
-            Place(str(folder)), "", "", f"{name} is of another sweep; kept as {other}", "", Severity.WARNING
-        )
-        for name, other in found
-    ]
+def _names(table: Path) -> str:
+    """Hash of the names of a table's clips."""
+    digest = sha256()
+    with table.open(encoding="utf-8", errors="replace", newline="") as text:
+        for row in csv.DictReader(text):
+            digest.update(f"{row.get('name')}\n".encode())
+    return digest.hexdigest()

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from physgen.cli.arguments import Command, Parser, names, number_of_clips, seed
 from physgen.cli.clips import add_clips, add_overlays, job_maker, make_all, preview_edits
-from physgen.cli.output import OK, print_line, print_problems
+from physgen.cli.output import OK, print_backup, print_line
 from physgen.problems import InputError, Place, Problem
 from physgen.text import listed, nearest
 
@@ -74,17 +74,10 @@ def _made(plan: Sweep, objects: tuple[str, ...], options: argparse.Namespace) ->
     tracked = _tracked(objects, options.track)
     make = job_maker(options)
     table = files.table_columns(plan, columns(tracked))
-    record = files.sweep_record(
-        plan,
-        options.scene,
-        options.output,
-        set=options.set,
-        preview=options.preview,
-        formats=options.format,
-        command=options.command_line,
-        units={column.name: column.unit for column in table if column.unit},
-    )
-    print_problems(files.begin(Path(options.output), record, plan))
+    out = Path(options.output)
+    if out.exists() and not out.is_dir():
+        raise InputError.of("-o", f'"{out}"', "is a file", "name a folder")
+    out.mkdir(parents=True, exist_ok=True)
     running: deque[Point] = deque()  # jobs end in the order in which they begin
     numbers = range(len(plan))[options.part or slice(None)]
 
@@ -98,11 +91,12 @@ def _made(plan: Sweep, objects: tuple[str, ...], options: argparse.Namespace) ->
 
     if options.part:  # the table is written by the run that finds all clips
         return make_all(jobs(), len(numbers), options, gallery=False)
-    with Table(Path(options.output, "sweep.csv"), table) as rows:
+    with Table(out / "sweep.csv", table) as rows:
 
         def finish() -> Sequence[str]:
             if rows.count < len(plan):
                 return ()
+            files.keep_other_table(rows.path, rows.part, print_backup)
             rows.publish()
             return [str(rows.path)]
 

@@ -10,28 +10,13 @@ from numpy.typing import NDArray
 from physgen.export.labels import Clip, Writer
 from physgen.geometry.polygon import Array
 from physgen.render.camera import Shot
-from physgen.tables import Cell, Column, Table
+from physgen.tables import Cell, Table
 
 COLUMNS = (
-    Column("frame"),
-    Column("clip_time", "s"),
-    Column("time", "s"),
-    Column("object"),
-    Column("x", "px"),
-    Column("y", "px"),
-    Column("angle_rad", "rad"),
-    Column("vx", "px/s"),
-    Column("vy", "px/s"),
-    Column("spin_rad_s", "rad/s"),
-    Column("video_x", "video px"),
-    Column("video_y", "video px"),
-    Column("video_vx", "video px/s"),
-    Column("video_vy", "video px/s"),
-    Column("x_m", "m"),
-    Column("y_m", "m"),
-    Column("vx_m", "m/s"),
-    Column("vy_m", "m/s"),
+    *("frame", "clip_time", "time", "object", "x", "y", "angle_rad", "vx", "vy", "spin_rad_s"),
+    *("video_x", "video_y", "video_vx", "video_vy", "x_m", "y_m", "vx_m", "vy_m"),
 )
+"""s, s, px, rad and px/s of the photo; px of the video; m and m/s."""
 CAMERA_STEP = 1e-5
 """s before and after a moment between which the camera's velocity is measured."""
 
@@ -102,7 +87,7 @@ def rows(arrays: dict[str, NDArray[np.generic]], names: tuple[str, ...]) -> list
     """Cells by the columns' names; metres are empty without a known scale."""
     keys = ("poses", "velocities", "video_places", "video_velocities", "places_m", "velocities_m_s")
     columns = np.concatenate([arrays[key] for key in keys], axis=2).tolist()
-    values = [column.name for column in COLUMNS[4:]]
+    values = COLUMNS[4:]
     clip_times, times = arrays["clip_times"].tolist(), arrays["times"].tolist()
     return [
         {"frame": t, "clip_time": clip_times[t], "time": times[t], "object": name}

@@ -100,6 +100,6 @@ def test_a_sphere_that_rolls_on_a_table_stops_by_its_resistance(tmp_path: Path) 
 
 
 def test_no_outcome_is_called_like_a_key_of_a_scene() -> None:
-    names = {column.name for column in columns(["ball"])}
+    names = set(columns(["ball"]))
     keys = {f"objects.ball.{key}" for key in at("objects.*")["properties"]}
     assert not names & keys

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import hashlib
 import json
 import resource
 from math import degrees
@@ -15,7 +14,6 @@ import pandas as pd
 import pytest
 
 from physgen import tables
-from physgen.batch.sweep import read_sweep_record
 from physgen.cli.main import main
 
 GRID = ["objects.ball.velocity.0=300,200", "objects.crate.friction=0:1:2"]
@@ -65,12 +63,7 @@ def test_the_same_again_makes_nothing_and_gives_the_same_table(lesson: Path, tmp
     assert sweep(lesson, out, *draws) == 0
     after = {p: p.read_bytes() for p in before}
     assert {p: p.stat().st_mtime_ns for p in times} == times
-    changed = [p.name for p in before if before[p] != after[p]]
-    assert changed in ([], ["sweep.json"])  # which holds the command
-    told = read_sweep_record(out)
-    assert told is not None
-    assert told["sha256"] == hashlib.sha256(lesson.read_bytes()).hexdigest()
-    assert (out / told["scene"]).resolve() == lesson.resolve()
+    assert after == before
 
 
 def test_a_draw_that_makes_no_scene_is_a_row_and_a_card(lesson: Path, tmp_path: Path, capsys) -> None:
@@ -167,7 +160,7 @@ def test_the_folder_is_named_after_scene_and_variant(
 def test_tracked_objects_have_columns_and_others_none(lesson: Path, tmp_path: Path) -> None:
     assert sweep(lesson, tmp_path / "out", "objects.ball.mass=5,6", "--track", "crate") == 0
     names = sorted(p.name for p in (tmp_path / "out").iterdir() if p.is_file())
-    assert names == ["index.html", "sweep.csv", "sweep.json"]
+    assert names == ["index.html", "sweep.csv"]
     header = (tmp_path / "out" / "sweep.csv").read_text().splitlines()[0].split(",")
     assert "objects.crate.x" in header
     assert "objects.ball.x" not in header
@@ -179,30 +172,17 @@ def test_whole_numbers_too_large_for_floats_have_their_tables(lesson: Path, tmp_
     assert list(pd.read_csv(out / "sweep.csv")["objects.ball.mass"]) == [1, 5e19, 1e20]
 
 
-@pytest.mark.parametrize(
-    ("theirs", "refused"),
-    [
-        ({"sweep.json": '{"sweep": 2}'}, "sweep.json"),
-        ({"sweep.json": "my notes"}, "sweep.json"),
-        ({"sweep.json": "my notes", "00,mass=5/manifest.json": '{"manifest": 3}'}, "sweep.json"),
-        ({"sweep.json": "", "sweep.csv": "mine\n"}, "sweep.json"),
-        ({"sweep.csv": ""}, "sweep.csv"),
-    ],
-)
-def test_a_folder_of_somebody_else_stays_as_it_was(
-    theirs: dict[str, str], refused: str, lesson: Path, tmp_path: Path, capsys
-) -> None:
-    for name, text in theirs.items():
-        (tmp_path / "out" / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / "out" / name).write_text(text)
-    assert sweep(lesson, tmp_path / "out", "objects.ball.mass=5,6") == 2
-    assert f"{refused}: is there already and was not made by physgen" in capsys.readouterr().err
-    files = {
-        str(p.relative_to(tmp_path / "out")): p.read_text()
-        for p in (tmp_path / "out").rglob("*.*")
-        if p.is_file()
-    }
-    assert files == theirs
+def test_a_file_of_somebody_else_is_kept(lesson: Path, tmp_path: Path, capsys) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "sweep.csv").write_text("mine\n")
+    assert sweep(lesson, out, "objects.ball.mass=5,6") == 0
+    assert "kept as sweep.csv~" in capsys.readouterr().err
+    assert (out / "sweep.csv~").read_text() == "mine\n"
+    assert len((out / "sweep.csv").read_text().splitlines()) == 3
+    lesson.write_text(lesson.read_text().replace("mass: 200", "mass: 210"))
+    assert sweep(lesson, out, "objects.ball.mass=5,6") == 0  # the same clips, of another scene
+    assert sorted(path.name for path in out.glob("sweep*")) == ["sweep.csv", "sweep.csv~"]
 
 
 def test_a_table_of_other_draws_is_kept_and_told(lesson: Path, tmp_path: Path, capsys) -> None:
@@ -214,7 +194,7 @@ def test_a_table_of_other_draws_is_kept_and_told(lesson: Path, tmp_path: Path, c
     assert capsys.readouterr().err == "2 clips: 0 made, 2 unchanged\n"
     assert sweep(lesson, out, *flags, "--samples", "3") == 0
     told = capsys.readouterr().err
-    assert f"{out}: warning: sweep.csv is of another sweep; kept as sweep.csv~\n" in told
+    assert f"{out / 'sweep.csv'}: was there already and differed; kept as sweep.csv~\n" in told
     assert (out / "sweep.csv~").read_bytes() == old
     assert (out / "sweep.csv").read_bytes() != old
     assert len(pd.read_csv(out / "sweep.csv")) == 3
@@ -233,16 +213,13 @@ def test_an_interrupted_sweep_leaves_no_table(lesson: Path, tmp_path: Path, monk
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
         "00,mass=5",
         "index.files",
-        "sweep.json",
     ]
     assert sweep(lesson, tmp_path / "out", "objects.ball.mass=5,6") == 0
     assert len((tmp_path / "out" / "sweep.csv").read_text().splitlines()) == 3
 
 
 def test_rows_by_the_ten_thousand_are_read_back(tmp_path: Path) -> None:
-    from physgen.tables import Column
-
-    columns = [Column("n"), Column("x"), Column("word"), Column("on")]
+    columns = ["n", "x", "word", "on"]
     with tables.Table(tmp_path / "sweep.csv", columns) as made:
         for n in range(10_000):
             made.add({"n": n, "x": n / 3, "word": f'a,"{n}"', "on": n % 2 == 0} if n % 7 else {"n": n})
@@ -259,12 +236,10 @@ def test_rows_by_the_ten_thousand_are_read_back(tmp_path: Path) -> None:
 
 
 def test_a_full_disk_leaves_no_table_and_says_which(tmp_path: Path) -> None:
-    from physgen.tables import Column
-
     (tmp_path / "sweep.csv").write_text("of the run before\n")
 
     def fill() -> None:
-        with tables.Table(tmp_path / "sweep.csv", [Column("word")]) as made:
+        with tables.Table(tmp_path / "sweep.csv", ["word"]) as made:
             for _ in range(1000):
                 made.add({"word": "x" * 100})
 
