@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from physgen.render.stage import Frame
     from physgen.report.perception import Comparison
     from physgen.report.record import RunRecord
-    from physgen.report.refinement import RefinementChanges
+    from physgen.report.refinement import MostChanged
     from physgen.scene.scene import Scene
     from physgen.simulate.trajectory import Trajectory
 
@@ -119,7 +119,7 @@ def refine_footage(film: Film, kept: Footage, refiners: Refiners, files: VideoFi
     """Write the clip unrefined and, in all formats, refined."""
     from physgen.refine.fusion import Refinement, backend_errors
     from physgen.report.perception import compared
-    from physgen.report.refinement import RefinementChanges
+    from physgen.report.refinement import MostChanged
 
     scene, trajectory, record = film.scene, kept.trajectory, files.record
     order, count = film.shot(trajectory).order, len(kept.rgb)
@@ -135,8 +135,8 @@ def refine_footage(film: Film, kept: Footage, refiners: Refiners, files: VideoFi
         with record.stage("load model"), backend_errors("--refine", name):
             model = refiners.model(name)
         refinement = Refinement(model, refine_settings(scene), scene.video_size, count, files.progress)
-        changes = RefinementChanges()
-        made = _measured(name, refinement.frames(kept.rgb, kept.coverage), kept, changes)
+        changed = MostChanged()
+        made = _measured(name, refinement.frames(kept.rgb, kept.coverage), kept, changed)
         if list(order) != list(range(count)):
             with record.stage("refine"):
                 pictures = [rgb.copy() for rgb in made]
@@ -149,20 +149,20 @@ def refine_footage(film: Film, kept: Footage, refiners: Refiners, files: VideoFi
         record.frames = []
         record.refine = {"backend": name, "failed": "; ".join(map(str, error.problems))}
         return Outcome(error.problems, None)
-    record.refine = {"backend": name, **refinement.note(), "changes": changes.figures()}
-    before, after = ("as it was drawn", kept.rgb[changes.most]), ("refined", changes.refined)
-    caption = f"The frame that changed most, at {float(trajectory.times[changes.most]):.2f} s."
+    record.refine = {"backend": name, **refinement.note()}
+    before, after = ("as it was drawn", kept.rgb[changed.index]), ("refined", changed.refined)
+    caption = f"The frame that changed most, at {float(trajectory.times[changed.index]):.2f} s."
     return Outcome((), compared("refined", "Refined", caption, before, after))
 
 
-def _measured(name: str, frames: Iterator[U8], kept: Footage, changes: RefinementChanges) -> Iterator[U8]:
-    """The same frames, added to `changes`."""
+def _measured(name: str, frames: Iterator[U8], kept: Footage, changed: MostChanged) -> Iterator[U8]:
+    """The same frames, added to `changed`."""
     from physgen.refine.fusion import backend_errors
 
-    for before, coverage in zip(kept.rgb, kept.coverage, strict=True):
+    for before in kept.rgb:
         with backend_errors("--refine", name):
             rgb = next(frames)
-        changes.add(before, rgb, coverage)
+        changed.add(before, rgb)
         yield rgb
 
 

@@ -79,8 +79,7 @@ class RunRecord:
     fan: dict[str, Any] | None = None
     """What draws of the scene's doubts end in, see `pipeline.fanning`; None where it was not asked for."""
     refine: dict[str, Any] | None = None
-    """`backend`, the entries of `Refinement.note`, and `changes`, see `RefinementChanges.figures`; or `backend` and
-    why it `failed`. None: not requested."""
+    """`backend` and the entries of `Refinement.note`; or `backend` and why it `failed`. None: not requested."""
     mark: str = ""
     """Of all that was asked of the clip; see `batch.finished`."""
     unrefined: list[str] = field(default_factory=list)

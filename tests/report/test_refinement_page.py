@@ -12,7 +12,7 @@ from physgen.report.films import Film
 from physgen.report.page import PageParts, report_page
 from physgen.report.perception import Comparison, compared
 from physgen.report.record import RunRecord
-from physgen.report.refinement import RefinementChanges
+from physgen.report.refinement import MostChanged
 
 SCENE = """\
 physgen: 1
@@ -49,13 +49,13 @@ def page_of(
 
 
 def test_the_page_shows_what_refinement_did(tmp_path: Path) -> None:
-    changes, coverage = RefinementChanges(), np.zeros((20, 40), np.float32)
-    coverage[5:15, 5:15] = 1
-    for k in range(3):
-        before, after = (np.full((20, 40, 3), code, np.uint8) for code in (100 + k, 100 + 3 * k))
-        changes.add(before, after, coverage)
+    changed = MostChanged()
+    for k, by in enumerate((2, -9, 5)):
+        before, after = (np.full((20, 40, 3), code, np.uint8) for code in (100 + k, 100 + k + by))
+        changed.add(before, after)
+    assert (changed.index, int(changed.refined[0, 0, 0])) == (1, 92)
     pair = compared("refined", "Refined", "", ("before", before), ("after", after))
-    page = page_of(tmp_path, {**NOTE, "changes": changes.figures()}, shown=pair)
+    page = page_of(tmp_path, NOTE, shown=pair)
     start = page.index('<section id="refinement"')
     section = page[start : page.index("</section>", start)]
     assert page.index("</figure>") < start
@@ -65,7 +65,6 @@ def test_the_page_shows_what_refinement_did(tmp_path: Path) -> None:
         "&lt;script&gt;alert(1)&lt;/script&gt;",
         '<td>steps run</td><td class="value">25</td>',
         '<td>size</td><td class="value">512, 288</td>',
-        '<td>on objects</td><td class="value">2.00</td>',
         '<td>offload</td><td class="value">no</td>',
     ):
         assert words in section
