@@ -122,7 +122,7 @@ VARIABLE_KEYS = re.compile(
 Values = dict[str, Any]
 
 FORMATS = "frames,flo,coco,davis,events,trajectory,physics"
-MAP_FORMATS = "depth,normals,albedo"
+MAP_FORMATS = "depth,normals"
 COMMANDS = (
     *("perceive", "import", "edit", "check", "simulate", "render", "sweep", "export", "dataset"),
     *("gallery", "verify", "backends", "schema", "evaluate"),

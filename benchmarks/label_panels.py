@@ -18,7 +18,6 @@ from pycocotools import mask as rle
 from pycocotools.coco import COCO
 
 from physgen.export.flow import GONE, HIDDEN
-from physgen.photometry import encode_u8
 
 U8 = NDArray[np.uint8]
 LETTER, WIDE = 17, 640
@@ -150,10 +149,6 @@ def normals(clip: Shown) -> Iterator[tuple[str, U8]]:
     yield "normals", (clip.read("normals/{:05d}.png") >> 8).astype(np.uint8)
 
 
-def albedo(clip: Shown) -> Iterator[tuple[str, U8]]:
-    yield "albedo", encode_u8((clip.read("albedo/{:05d}.png") / np.float32(65535)).astype(np.float32))
-
-
 def events(clip: Shown) -> Iterator[tuple[str, U8]]:
     told = clip.json("events/events.json")
     picture, draw = pen(clip.rgb)
@@ -198,7 +193,6 @@ PANELS: dict[str, Callable[[Shown], Iterator[tuple[str, U8]]]] = {
     "flo": flo,
     "depth": depth,
     "normals": normals,
-    "albedo": albedo,
     "events": events,
     "trajectory": trajectory,
     "physics": physics,

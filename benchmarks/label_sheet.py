@@ -3,7 +3,7 @@
     python benchmarks/label_sheet.py                          # scenes/kitchen -> out/labels.png
     python benchmarks/label_sheet.py billiards --at 0.3 -o sheet.png --set render.motion_blur=0.5
 
-Normals, albedo and depth are the studio's true ones, since bundled scenes have none.
+Normals and depth are the studio's true ones, since bundled scenes have none.
 """
 
 from __future__ import annotations
@@ -23,7 +23,6 @@ from PIL import Image, ImageDraw
 from physgen import pipeline
 from physgen.export.formats import FORMATS
 from physgen.maps import write_assets
-from physgen.photometry import decode
 from physgen.photos import read_image
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -31,7 +30,7 @@ COLUMNS, GAP = 4, 6
 
 
 def mapped(name: str, folder: Path) -> Path:
-    """A bundled scene with the studio's depth, normals and albedo."""
+    """A bundled scene with the studio's depth and normals."""
     shutil.copytree(ROOT / "scenes" / name, folder / name)
     truth = ROOT / "studio/truth" / name
     path, told = folder / name / "scene.yaml", json.loads((truth / "truth.json").read_text())
@@ -44,7 +43,6 @@ def mapped(name: str, folder: Path) -> Path:
         maps,
         depth=np.asarray(near + raw / 65534 * (far - near), np.float32),
         normals=turned,
-        albedo=decode(read_image(truth / "albedo.webp")),
     )
     ranges = write_assets(maps, folder / name / "photo.assets")
     text = path.read_text(encoding="utf-8")

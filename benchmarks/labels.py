@@ -1,7 +1,7 @@
 """What ground truth costs: every format of one clip in one pass, beside what the encoders of its files take in it.
 
 The clip is drawn by formula, as in frames.py: 16 balls roll over a table seen from above, 60 frames of 512 x 512 px,
-with depth, normals and an albedo of the photo. Encoders are timed from inside, on the very arrays that they are handed,
+with depth and normals of the photo. Encoders are timed from inside, on the very arrays that they are handed,
 with the writing of their files.
 """
 
@@ -19,7 +19,7 @@ from unittest.mock import patch
 
 import cv2
 import numpy as np
-from frames import LIGHT, grid, table
+from frames import grid, table
 from PIL import Image
 from pycocotools import mask as coco
 
@@ -27,7 +27,7 @@ from physgen import pipeline
 from physgen.export import formats
 from physgen.export.labels import Moment
 from physgen.maps import write_assets
-from physgen.photometry import decode, sphere_normals
+from physgen.photometry import sphere_normals
 
 BAR = 1.3
 """Times what the encoders take."""
@@ -139,8 +139,7 @@ def mapped(folder: Path) -> Path:
         own, inside = sphere_normals(SIZE, SIZE, (x, y), r)
         normals[inside] = own[inside]
         depth[inside] -= r * own[inside][:, 2] / 100
-    albedo = np.clip(decode(maps.rgb) / LIGHT.shade(normals)[..., None], 0, 1)
-    ranges = write_assets(replace(maps, depth=depth, normals=normals, albedo=albedo), folder / "photo.assets")
+    ranges = write_assets(replace(maps, depth=depth, normals=normals), folder / "photo.assets")
     text = path.read_text()
     path.write_text(text.replace("objects:", f"maps: {{depth: {list(ranges['depth'])}}}\nobjects:", 1))
     return path

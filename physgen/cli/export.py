@@ -36,7 +36,7 @@ def export(options: argparse.Namespace) -> int:
 
 
 NAMES = (
-    "frames", "flo", "depth", "normals", "albedo", "coco", "davis", "events", "trajectory",
+    "frames", "flo", "depth", "normals", "coco", "davis", "events", "trajectory",
     "physics",
 )  # fmt: skip
 

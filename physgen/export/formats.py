@@ -13,7 +13,7 @@ from physgen.export.davis import Davis, Frames
 from physgen.export.events import Events
 from physgen.export.flow import Flo
 from physgen.export.labels import Clip, Writer
-from physgen.export.maps import Albedo, Depth, Normals
+from physgen.export.maps import Depth, Normals
 from physgen.export.physics import Physics
 from physgen.export.trajectory import TrajectoryTables
 from physgen.files import install
@@ -46,7 +46,6 @@ FORMATS = (
     LabelFormat("flo", Flo, "optical flow, Middlebury .flo, with masks of hidden pixels"),
     LabelFormat("depth", Depth, "depth, 16-bit PNG", True, "depth"),
     LabelFormat("normals", Normals, "normals, 16-bit PNG", True, "normals"),
-    LabelFormat("albedo", Albedo, "albedo, linear, 16-bit PNG", True, "albedo"),
     LabelFormat("coco", Coco, "masks, whole masks, boxes and tracks, COCO JSON", library="pycocotools"),
     LabelFormat("davis", Davis, "masks, palette PNG as in DAVIS 2017", most=254),
     LabelFormat("events", Events, "events: JSON"),
@@ -56,7 +55,11 @@ FORMATS = (
 PERCEIVE_OPTIONS = {"depth": " --backend depth=NAME"}
 """Options of `perceive` that make a map which it does not make by default."""
 FLAG = "--format"
-REMOVED = {"tapvid": "trajectory,davis", "mot": "coco"}
+REMOVED = {
+    "tapvid": "write trajectory,davis",
+    "mot": "write coco",
+    "albedo": "assets have albedo.png of the photo",
+}
 """Formats of former versions, and where their content is."""
 
 
@@ -74,7 +77,7 @@ def chosen_formats(names: Sequence[str], flag: str = FLAG, written: bool = True)
             close = nearest(name, known)
             fix = f'did you mean "{close}"?' if close else f"write any of {listed(list(known))}"
             if name in REMOVED:
-                fix = f"it was removed; write {REMOVED[name]}"
+                fix = f"it was removed; {REMOVED[name]}"
             problems += InputError.of(flag, f'"{name}"', "is no format", fix).problems
         elif written and kind.library and find_spec(kind.library) is None:
             what, fix = f"needs {kind.library}, which is not installed", install("labels")

@@ -1,4 +1,4 @@
-"""Depth, normals and albedo of each frame, made from the maps of the photo, as 16-bit PNG."""
+"""Depth and normals of each frame, made from the maps of the photo, as 16-bit PNG."""
 
 from __future__ import annotations
 
@@ -11,19 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.export.correspondence import (
-    BallTurn,
     is_ball,
-    is_still,
     photo_view,
     similarity,
     spans,
-    turns_in_space,
 )
 from physgen.export.labels import Clip, Moment, View, Writer, write_json, write_png
 from physgen.geometry.polygon import Array
-from physgen.maps import F32, U16, Percepts
+from physgen.maps import F32, U16
 from physgen.perceive.inpaint.poisson import dilate, harmonic_fill
-from physgen.photometry import decode
 from physgen.render.stage import Slices
 
 Mask = NDArray[np.bool_]
@@ -37,8 +33,6 @@ class LayerLimits:
     """px around an object in which pixels mix it and the background: the background is filled in there, too."""
     pad: int = 4
     """px around an object's mask to which its outermost values are extended."""
-    ball_rim: float = 0.955
-    """Of the radius, as in `render.ball`: farther out the photo shows a ball mixed and foreshortened."""
     fill_error: float = 2e-4
     """Of a map's range: the largest error of the smooth fill."""
 
@@ -66,20 +60,6 @@ class Part:
         warped = cv2.warpAffine(self.values, matrix, size, flags=WARP, borderMode=cv2.BORDER_REPLICATE)
         return np.asarray(warped, np.float32)
 
-    def at(self, x: Array, y: Array) -> F32:
-        """(h, w[, C]) at px x and y (h, w) of the photo."""
-        where = (x - self.corner[0]).astype(np.float32), (y - self.corner[1]).astype(np.float32)
-        found = cv2.remap(self.values, *where, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        return np.asarray(found, np.float32)
-
-    def extended(self, center: tuple[float, float], radius: float) -> Part:
-        """Values farther than `radius` from a px of the photo are replaced by those at `radius` in their direction."""
-        height, width = self.values.shape[:2]
-        x = np.arange(width) + self.corner[0] - center[0]
-        y = (np.arange(height) + self.corner[1] - center[1])[:, None]
-        within = np.minimum(radius / np.maximum(np.hypot(x, y), 1e-9), 1)
-        return Part(self.corner, self.at(center[0] + x * within, center[1] + y * within))
-
 
 Sample = Callable[[int, Part, View, Slices], F32]
 """Body, its part, view and box -> what the box shows of the body, (h, w[, C])."""
@@ -97,7 +77,6 @@ class Layers:
         self._ground, self._parts, self._encode = ground, parts, encode
         self._background: tuple[Array, U16] | None = None
         self._frame = np.zeros((0, 0), np.uint16)
-        self._skins: dict[int, Part] = {}
 
     def composed(self, view: View, sample: Sample) -> U16:
         """(h, w[, C]) of a view; the next view overwrites it, since new memory costs more than a copy."""
@@ -121,15 +100,6 @@ class Layers:
         m, _ = similarity(-1, view, self._photo)
         (x, y), (to_x, to_y) = view.lens @ [*view.poses[body, :2], 1.0], self._photo.poses[body, :2]
         return part.warped(box, m, complex(to_x, to_y) - m * complex(x, y))
-
-    def rolled(self, body: int, part: Part, view: View, box: Slices) -> F32:
-        """A part that turns with its body, for balls in space; their far side mirrors the near one, as in frames."""
-        if not turns_in_space(body, view, self._world) or is_still(body, view, self._photo):
-            return self.turned(body, part, view, box)
-        ball = BallTurn.between(body, view, self._photo, self._world)
-        if body not in self._skins:
-            self._skins[body] = part.extended(ball.to, LIMITS.ball_rim * ball.radius * ball.scale)
-        return self._skins[body].at(*ball.carried(*spans(box))[:2])
 
     def _ground_seen(self, lens: Array) -> U16:
         """The background through the camera; computed again only when the camera has moved."""
@@ -187,10 +157,6 @@ class MapCodes:
     """Codes and limits of the maps."""
 
     full: int = 65535
-    darkest: float = 2e-3
-    """Linear light added before ratios are formed: below it they are noise."""
-    most_albedo: float = 8.0
-    """Largest ratio of albedo to the background's light: shadows are about as deep."""
     zero: int = 32768
     unit: int = 32767
     """Codes of a normal's component: 0, and by how much 1 is larger."""
@@ -199,43 +165,6 @@ class MapCodes:
 
 
 CODES = MapCodes()
-
-
-def _ground(maps: Percepts, albedo: F32, where: Mask) -> F32:
-    """(H, W, 3): albedo without the objects."""
-    behind = maps.background if maps.clean is None else maps.clean
-    if behind is None:
-        return np.clip(filled(albedo, where), 0, 1)
-    light = decode(behind) + np.float32(CODES.darkest)
-    ratio = np.minimum((albedo + np.float32(CODES.darkest)) / light, np.float32(CODES.most_albedo))
-    there = filled(ratio, where) * light - np.float32(CODES.darkest)
-    return np.clip(np.where(where[..., None], there, albedo), 0, 1)
-
-
-def albedo_codes(albedo: F32) -> U16:
-    """0..1 -> 16 bits."""
-    return np.asarray(albedo * np.float32(CODES.full) + np.float32(0.5), np.uint16)
-
-
-class Albedo(Writer):
-    """`00000.png` ...: linear, 65535 = 1; a pixel has the albedo of the one object that its id names.
-
-    It turns with objects, and with balls in space. Behind objects it is the filled background times the ratio of
-    albedo to background beside them, so that the background's pattern goes on.
-    """
-
-    def __init__(self, folder: Path, clip: Clip) -> None:
-        assert clip.maps is not None
-        assert clip.maps.albedo is not None
-        albedo = clip.maps.albedo
-        ground = _ground(clip.maps, albedo, unknown_ground(clip))
-        self._folder, self._layers = folder, Layers(clip, ground, parts_of(albedo, clip), albedo_codes)
-        write_json(folder / "scale.json", {"at_0": 0.0, "at_65535": 1.0, "light": "linear"})
-
-    def add(self, moment: Moment) -> None:
-        """One file a frame."""
-        codes = self._layers.composed(moment.view, self._layers.rolled)
-        write_png(self._folder / f"{moment.view.index:05d}.png", codes)
 
 
 class Depth(Writer):

@@ -1,4 +1,4 @@
-"""Depth, normals and albedo against closed forms, read by others than those who wrote them."""
+"""Depth and normals against closed forms, read by others than those who wrote them."""
 
 from __future__ import annotations
 
@@ -34,18 +34,16 @@ def smooth(seed: int) -> np.ndarray:
 
 @pytest.fixture
 def mapped(photo: Path) -> Path:
-    """The photo with a depth, normals and an albedo."""
+    """The photo with a depth and normals."""
     y, x = np.indices(SIZE[::-1], np.float64)
     masks = cv2.imread(str(photo / "photo.assets" / "masks.png"), cv2.IMREAD_UNCHANGED)
     depth = ramp(x, y)
     depth[masks > 0] = (2.5 + 0.3 * masks + 0.1 * smooth(1)[..., 0])[masks > 0]
     normals = smooth(2) * 0.9 + [0, 0, 1.2]
     normals /= np.linalg.norm(normals, axis=2, keepdims=True)
-    albedo = 0.45 + 0.35 * smooth(3)
     maps = {
         "depth": (depth - LOW) / (HIGH - LOW) * 65535,
         "normals": 32768 + 32767 * normals[..., ::-1],
-        "albedo": albedo[..., ::-1] * 65535,
     }
     for name, values in maps.items():
         path = photo / "photo.assets" / f"{name}.png"
@@ -83,14 +81,14 @@ def ids(folder: Path) -> list[np.ndarray]:
 
 
 def test_frame_0_is_the_photo_and_its_maps(mapped: Path, export) -> None:
-    folder = export("side", "depth,normals,albedo,davis")
+    folder = export("side", "depth,normals,davis")
     shown = ids(folder)[0]
     assert (
         (shown > 0) & (shown != asset(mapped, "masks"))
     ).mean() < 1e-3  # a soft border, counted as the thing's
     thing = (shown > 0) & (shown == asset(mapped, "masks"))
     near = cv2.dilate(thing.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
-    for name in ("depth", "albedo"):
+    for name in ("depth",):
         np.testing.assert_array_equal(pictures(folder, name)[0][thing], asset(mapped, name)[thing])
         np.testing.assert_array_equal(pictures(folder, name)[0][~near], asset(mapped, name)[~near])
     apart = np.abs(vectors(pictures(folder, "normals")[0]) - vectors(asset(mapped, "normals")))
@@ -100,13 +98,13 @@ def test_frame_0_is_the_photo_and_its_maps(mapped: Path, export) -> None:
 
 
 def test_a_thing_that_moves_takes_its_maps_along(mapped: Path, export) -> None:
-    folder = export("side", "depth,normals,albedo,davis", *FREE, "objects.crate.velocity=[-60, 40]")
+    folder = export("side", "depth,normals,davis", *FREE, "objects.crate.velocity=[-60, 40]")
     start = asset(mapped, "masks") == 2
     for k in (1, 5):
         shift = -3 * k, 2 * k
         there = np.roll(start, shift[::-1], (0, 1)) & (ids(folder)[k] == 2)
         assert there.sum() > 0.95 * start.sum()
-        for name, loose in (("depth", 1), ("albedo", 1), ("normals", 4)):
+        for name, loose in (("depth", 1), ("normals", 4)):
             moved = np.roll(asset(mapped, name), shift[::-1], (0, 1)).astype(int)
             assert np.abs(pictures(folder, name)[k].astype(int) - moved)[there].max() <= loose
 
@@ -147,12 +145,12 @@ def test_normals_are_unit_and_those_of_balls_a_spheres(mapped: Path, export) -> 
 def test_scenes_without_maps_are_told_what_they_lack(photo: Path, tmp_path: Path, capsys) -> None:
     scene = photo / "side.yaml"
     out = ["-o", str(tmp_path / "labels")]
-    assert main(["export", str(scene), "--format", "depth,flo,albedo", *out]) == 2
+    assert main(["export", str(scene), "--format", "depth,flo,normals", *out]) == 2
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 2
     where = f"{scene}:3:9: assets: --format "
-    assert lines[0].startswith(f'{where}"albedo" is made of albedo.png, which is not there; ')
-    assert lines[1].startswith(
+    assert lines[1].startswith(f'{where}"normals" is made of normals.png, which is not there; ')
+    assert lines[0].startswith(
         f'{where}"depth" is made of depth.png, which is not there; have it made: physgen'
     )
     flat = tmp_path / "flat.yaml"
