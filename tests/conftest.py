@@ -54,7 +54,6 @@ def _nobodys_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Nobody's own cache; this one is for what fixtures of a module or a session do."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "caches" / "shared"))
-        patch.delenv("PHYSGEN_CACHE_BYTES", raising=False)
         yield
 
 

@@ -368,7 +368,7 @@ def add_clips(parser: Parser) -> None:
     parser.option("--export", "LIST", labels, about, ())
     parser.flag("--single-file", "embed the video in report.html: self-contained, works offline")
     parser.flag("--preview", "a quick look: at most 24 frames of the photo's size, without a report")
-    parser.flag("--no-cache", "render existing clips again, and neither read nor keep results of stages")
+    parser.flag("--no-cache", "render existing clips again")
     parser.flag("--json", "print a line of JSON for each clip, and one at the end")
 
 

@@ -1,4 +1,4 @@
-"""Keys of cached results: hashes of everything that they depend on."""
+"""Keys of results that a process keeps, and of clips on disk: hashes of everything that they depend on."""
 
 from __future__ import annotations
 
@@ -11,28 +11,13 @@ from enum import Enum
 from functools import cache
 from hashlib import sha256
 from math import inf
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import physgen
 from physgen.compile.world import World
-from physgen.report.record import file_hash, versions
-from physgen.scene.files import MAPS
-from physgen.scene.scene import Scene
-
-ROOMS = ("compile", "geometry", "perceive", "pipeline", "render", "scene", "simulate")
-"""Packages whose code makes unrefined frames; `perceive` fills what objects leave behind."""
-AFTERWARDS = {
-    "Scene": {"name", "folder", "image", "assets", "refine", "places", "document", "variants", "files", "record"},
-    "Render": {"overlay", "play"},
-    "Object": {"label", "provenance", "prompt"},
-    "Light": {"provenance"},
-}  # fmt: skip
-"""What a scene says that no unrefined frame shows. The photo and its maps count by their bytes, not by their names."""
-FORMAT = 3
-"""Counted up when an entry of frames is laid out in another way."""
+from physgen.report.record import versions
 
 
 def key(stage: str, *parts: Any) -> str:
@@ -47,26 +32,6 @@ def key(stage: str, *parts: Any) -> str:
 def motion_key(world: World) -> str:
     """The key of a world's motion at the times of its frames, in this process."""
     return key("motion", world)
-
-
-def guidance_key(scene: Scene, inputs: Mapping[str, str]) -> str:
-    """The key of a scene's unrefined frames in the order of the motion.
-
-    `inputs`: SHA-256 of the files that were read, by path relative to the scene's folder, see `report.record.inputs`.
-    Neither `refine` counts nor what is drawn after it, nor the order of playing, nor anything of the file but what it
-    means.
-    """
-    folder = scene.folder.resolve()
-
-    def digest(file: Path) -> str:
-        name = Path(os.path.relpath(file.resolve(), folder)).as_posix()
-        return inputs[name] if name in inputs else file_hash(file)
-
-    files = {} if scene.image is None else {"image": digest(scene.image)}
-    if scene.image is not None and scene.assets is not None:
-        paths = {name: scene.assets / f"{name}.png" for name in MAPS}
-        files |= {name: digest(path) for name, path in paths.items() if path.is_file()}
-    return key("guidance", FORMAT, code_version(ROOMS), files, scene)
 
 
 @cache
@@ -113,12 +78,7 @@ def _plain(value: Any) -> Any:
         }
     if is_dataclass(value) and not isinstance(value, type):
         kind = type(value).__name__
-        named = {
-            field.name: _plain(getattr(value, field.name))
-            for field in fields(value)
-            if field.name not in AFTERWARDS.get(kind, ())
-        }
-        return {"": kind, **named}
+        return {"": kind} | {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, Mapping):
         return {str(name): _plain(part) for name, part in value.items()}
     if isinstance(value, (list, tuple)):

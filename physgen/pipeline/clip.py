@@ -64,7 +64,7 @@ class RenderOptions:
     """Simulations with drawn values of what is uncertain."""
     draw_seed: int = 0
     cached: bool = True
-    """Whether motions and frames may come from the cache, and a complete clip of the same options is kept."""
+    """Whether a complete clip of the same options is kept."""
     page: Page = Page.FULL
     single_file: bool = False
     """Whether the page embeds the video, to be sent alone."""
@@ -289,9 +289,7 @@ class _Run:
         footage = trajectory = None
         if self.scene.refine.backend != "none":
             self._draw_perception()
-            footage = guidance_footage(
-                film, record, self.progress, self._warn, options.cached, self.inputs_unchanged
-            )
+            footage = guidance_footage(film, record, self.progress)
             trajectory = footage.trajectory
         else:
             self.progress("simulate", 0, 1)

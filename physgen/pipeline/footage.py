@@ -1,8 +1,7 @@
-"""Cached unrefined frames, without loss: PNG of their differences from the first, in memory and on disk."""
+"""Unrefined frames in memory, without loss: PNG of their differences from the first."""
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
@@ -11,8 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.pipeline.cache import Store
-from physgen.simulate.trajectory import Trajectory, read_trajectory
+from physgen.simulate.trajectory import Trajectory
 
 U8 = NDArray[np.uint8]
 U16 = NDArray[np.uint16]
@@ -64,37 +62,9 @@ class Footage:
     def _read(self, frame: int, part: int) -> NDArray[Any]:
         return np.asarray(cv2.imdecode(self.files[frame][part], cv2.IMREAD_UNCHANGED))
 
-    def to_bytes(self) -> bytes:
-        """For the cache: an archive of the files, one after the other, their lengths, and the motion."""
-        buffer = io.BytesIO()
-        motion = np.frombuffer(self.trajectory.to_bytes(), np.uint8)
-        lengths = np.array([[len(file) for file in row] for row in self.files])
-        files = np.concatenate([file for row in self.files for file in row])
-        np.savez(buffer, motion=motion, lengths=lengths, files=files)
-        return buffer.getvalue()
 
-    @classmethod
-    def from_bytes(cls, data: memoryview) -> Footage:
-        """The inverse of `to_bytes`."""
-        with np.load(io.BytesIO(data), allow_pickle=False) as stored:
-            lengths, motion = stored["lengths"], io.BytesIO(stored["motion"].tobytes())
-            files = np.split(stored["files"], np.cumsum(lengths)[:-1])
-        return cls([files[k : k + 3] for k in range(0, len(files), 3)], read_trajectory(motion))
-
-
-def footage(
-    store: Store | None,
-    key: str,
-    film: Callable[[Add], Trajectory],
-    unchanged: Callable[[], bool] = lambda: True,
-) -> Footage:
-    """The unrefined clip of a key: from the store, or else filmed now and stored.
-
-    `film` adds all frames and returns their motion. What was filmed is not stored where its inputs are no longer
-    `unchanged`: the key may then describe other inputs.
-    """
-    if store is not None and (data := store.read(key)) is not None:
-        return Footage.from_bytes(data)
+def footage(film: Callable[[Add], Trajectory]) -> Footage:
+    """The unrefined clip; `film` adds all frames and returns their motion."""
     files: list[list[U8]] = []
     first: list[U8] = []
 
@@ -104,10 +74,7 @@ def footage(
         steps = np.rint(np.clip(coverage, 0, 1) * np.float32(255)).astype(np.uint8)
         files.append([_png(np.ascontiguousarray(picture)) for picture in (rgb, steps, ids)])
 
-    made = Footage(files, film(add))
-    if store is not None and unchanged():
-        store.write(key, made.to_bytes())
-    return made
+    return Footage(files, film(add))
 
 
 def _png(picture: U8 | U16) -> U8:

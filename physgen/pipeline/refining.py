@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from physgen.pipeline.footage import U8, Add, Footage, footage
 from physgen.pipeline.stages import Film
-from physgen.problems import InputError, Problem, Warn
+from physgen.problems import InputError, Problem
 from physgen.progress import Progress
 from physgen.registry import Choice, Plan
 
@@ -82,17 +82,8 @@ def refine_settings(scene: Scene) -> RefineSettings:
     )
 
 
-def guidance_footage(
-    film: Film,
-    record: RunRecord,
-    progress: Progress,
-    warn: Warn,
-    cached: bool = True,
-    unchanged: Callable[[], bool] = lambda: True,
-) -> Footage:
-    """The clip without refinement, a frame a sample: from the cache, or drawn now and stored while `unchanged`."""
-    from physgen.pipeline.cache import open_store
-    from physgen.pipeline.cache_keys import guidance_key
+def guidance_footage(film: Film, record: RunRecord, progress: Progress) -> Footage:
+    """The clip without refinement, a frame a sample."""
     from physgen.render.staging import matte_coverage
 
     def draw(add: Add) -> Trajectory:
@@ -111,8 +102,7 @@ def guidance_footage(
             progress("render", index + 1, count)
         return trajectory
 
-    key = guidance_key(film.scene, record.inputs)
-    return footage(open_store(warn=warn) if cached else None, key, draw, unchanged)
+    return footage(draw)
 
 
 def refine_footage(film: Film, kept: Footage, refiners: Refiners, files: VideoFiles) -> Outcome:

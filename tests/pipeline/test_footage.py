@@ -1,14 +1,11 @@
-"""Unrefined frames in the cache: lossless, small, and drawn again where they are missing."""
+"""Unrefined frames in memory: lossless."""
 
 from __future__ import annotations
-
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from physgen import pipeline
-from physgen.pipeline.cache import Store
 from physgen.pipeline.footage import Add, Footage, footage
 from physgen.simulate.trajectory import Trajectory
 
@@ -50,10 +47,9 @@ def pictures(kind: str, count: int = 7, size: tuple[int, int] = (30, 41)) -> Pic
 
 class Film:
     def __init__(self, frames: Pictures, motion: Trajectory) -> None:
-        self.frames, self.motion, self.calls = frames, motion, 0
+        self.frames, self.motion = frames, motion
 
     def __call__(self, add: Add) -> Trajectory:
-        self.calls += 1
         for frame in self.frames:
             add(*frame)
         return self.motion
@@ -67,29 +63,12 @@ class Film:
 
 
 @pytest.mark.parametrize("kind", ["photo", "camera", "noise"])
-def test_nothing_is_lost(kind: str, motion: Trajectory, tmp_path: Path) -> None:
-    store, film = Store(tmp_path), Film(pictures(kind), motion)
-    for _ in range(3):
-        found = footage(store, "guidance-a", film)
-        assert film.agrees(found)
-        assert (found.rgb[0].dtype, found.coverage[0].dtype, found.ids[0].dtype) == ("u1", "f4", "u2")
-        found.rgb[0][:] = 0  # the reader's own copy
-        assert film.agrees(found)
-        with pytest.raises(IndexError):
-            found.rgb[len(film.frames)]
-    assert film.calls == 1
-
-
-def test_nothing_is_kept_of_a_clip_that_failed_or_whose_inputs_changed(
-    motion: Trajectory, tmp_path: Path
-) -> None:
-    store, film = Store(tmp_path), Film(pictures("photo"), motion)
-
-    def broken(add: Add) -> Trajectory:
-        add(*film.frames[0])
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        footage(store, "guidance-a", broken)
-    assert film.agrees(footage(store, "guidance-a", film, unchanged=lambda: False))
-    assert store.sizes() == []
+def test_nothing_is_lost(kind: str, motion: Trajectory) -> None:
+    film = Film(pictures(kind), motion)
+    found = footage(film)
+    assert film.agrees(found)
+    assert (found.rgb[0].dtype, found.coverage[0].dtype, found.ids[0].dtype) == ("u1", "f4", "u2")
+    found.rgb[0][:] = 0  # the reader's own copy
+    assert film.agrees(found)
+    with pytest.raises(IndexError):
+        found.rgb[len(film.frames)]
