@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import ceil, floor, hypot, radians, tan
+from math import ceil, floor, hypot, inf, radians, tan
 
 import cv2
 import numpy as np
@@ -97,6 +97,8 @@ class Silhouette:
     """px that it reaches through the plane of motion (side view), or above the table (top view)."""
     floor: float | None
     """Side view: the row, px, at which the floor below it is; None where nothing lies below."""
+    ends: tuple[float, float] = (-inf, inf)
+    """The columns, px, between which that floor goes on."""
     id: int = 0
     """Of the object in the label map; 0 where it is not needed, or where it is several."""
 
@@ -259,11 +261,11 @@ def shadow_on_floor(what: Silhouette, setting: ShadowSetting) -> tuple[PixelBox,
     else:
         blocked = _behind(what, setting, at, xs, lines)
     blocked = np.asarray(blocked.reshape(len(z), MODEL.finer, len(xs)).mean(axis=1), np.float32)
-    hidden = _sky(what, at, xs, z)
+    upon = np.clip(np.minimum(xs - np.float32(what.ends[0]), np.float32(what.ends[1]) - xs) + 0.5, 0, 1)[None]
     if np.isfinite(setting.backdrop):
-        upon = np.clip((z + np.float32(setting.backdrop)) * np.float32(tilt) + np.float32(0.5), 0, 1)
-        blocked, hidden = blocked * upon, hidden * upon
-    return box, attenuation(setting.direct((0.0, -1.0, 0.0)), blocked, hidden)
+        upon = upon * np.clip((z + np.float32(setting.backdrop)) * np.float32(tilt) + np.float32(0.5), 0, 1)
+    hidden = _sky(what, at, xs, z) * upon
+    return box, attenuation(setting.direct((0.0, -1.0, 0.0)), blocked * upon, hidden)
 
 
 def _slopes(setting: ShadowSetting) -> tuple[float, float, float]:

@@ -7,7 +7,7 @@ view). A point of one object loses its direct light where the way to the light m
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import hypot, radians, tan
 from typing import Any
 
@@ -214,15 +214,18 @@ SUNK = 3.0
 """px by which an object's pixels may reach below the floor that it stands on."""
 
 
-def ground_below(grounds: Sequence[Array], x: float, bottom: float, sunk: float = SUNK) -> float | None:
-    """The row, px, of the highest floor below an object whose lowest point, `sunk` in it at most, is at `bottom`."""
-    rows = []
-    for ax, ay, bx, by in grounds:
+def ground_below(
+    grounds: Sequence[Array], x: float, bottom: float, sunk: float = SUNK
+) -> tuple[float, Array] | None:
+    """The highest floor below an object whose lowest point, `sunk` in it at most, is at `bottom`; first its row, px."""
+    found: tuple[float, Array] | None = None
+    for ground in grounds:
+        ax, ay, bx, by = ground[:4]
         if min(ax, bx) <= x <= max(ax, bx) and ax != bx:
-            row = ay + (by - ay) * (x - ax) / (bx - ax)
-            if row >= bottom - sunk:
-                rows.append(float(row))
-    return min(rows, default=None)
+            row = float(ay + (by - ay) * (x - ax) / (bx - ax))
+            if row >= bottom - sunk and (found is None or row < found[0]):
+                found = row, ground
+    return found
 
 
 def sprite_silhouette(stage: Stage, stand: SpritePose, where: Placement, coverage: F32) -> Silhouette:
@@ -242,14 +245,15 @@ def silhouette(
 ) -> Silhouette:
     """A body as light sees it; from above, by `tilt`, its near edge is seen below the floor's line."""
     x, y = map(float, center)
-    floor_row = None
+    below = None
     if grounds:
         rows = np.flatnonzero(coverage.max(axis=1) > 0.5) if coverage.size else np.zeros(0, int)
         bottom = float(corner[1] + (int(rows[-1]) if len(rows) else 0))
         if actor.radius is not None:
             bottom, tilt = y + actor.radius, 0.0
-        floor_row = ground_below(grounds, x, bottom, SUNK + tilt * actor.thick / 2)
-    return Silhouette(coverage, corner, (x, y), actor.radius, actor.thick, floor_row)
+        below = ground_below(grounds, x, bottom, SUNK + tilt * actor.thick / 2)
+    shape = Silhouette(coverage, corner, (x, y), actor.radius, actor.thick, None)
+    return shape if below is None else replace(shape, floor=below[0], ends=(below[1][4], below[1][5]))
 
 
 def add_shadow(

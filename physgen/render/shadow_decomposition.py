@@ -41,7 +41,7 @@ class ShadowTuning:
     """Of an object's size: off the floor by as much, its shadow in the photo is no longer its own."""
     comes: float = 0.5
     """Of an object's size: moved by as much, it has mostly left an old shadow that was not removed."""
-    flies: float = 1.2
+    flies: float = 2.0
     """Of an object's thickness: so far above the floor its shadow falls on the wall, if there is one."""
     turn: float = 0.35
     """rad by which an object that is not round may turn until then."""
@@ -188,6 +188,7 @@ def predicted_shadow(what: Silhouette, setting: ShadowSetting, step: int) -> tup
             None if what.radius is None else what.radius / step,
             what.thick / step,
             None if what.floor is None else (what.floor + 0.5) / step - 0.5,
+            ((what.ends[0] + 0.5) / step - 0.5, (what.ends[1] + 0.5) / step - 0.5),
         ),
         _coarse(setting, step),
     )

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import cos, sin
+from math import ceil, cos, sin
 
 import cv2
 import numpy as np
@@ -78,6 +78,8 @@ class SpriteTuning:
     """px inside the border where the photo shows the object alone, unmixed with what is behind it."""
     halo: float = 40 / 512
     """Of the photo's longer side: how far around an object its blurred rim may reach."""
+    shared: float = 5.0
+    """px: how gently neighbours share what the photo shows between them."""
     unseen: float = 1e-4
     """Of linear light: less is no difference from the photo."""
     touching: int = 4
@@ -438,15 +440,21 @@ def anchored(
     if owner is not None:
         near = np.where(owner > 0, owner, near)
     near[(top > 0) | (np.maximum.reduce(cv2.split(np.abs(rest))) <= CUT.unseen)] = 0
+    all_near, pad = _soft(near > 0, CUT.shared), ceil(4 * CUT.shared)
     found = []
     for number, (sprite, inside, place) in enumerate(zip(sprites, insides, places, strict=True), 1):
         own = np.zeros_like(sprite.light)
         own[inside] = np.where((top[place] == number)[..., None], rest[place], np.float32(0))
         mine, halo = near == number, None
         if mine.any():
-            (y0, y1), (x0, x1) = ((int(n.min()), int(n.max()) + 1) for n in np.nonzero(mine))
+            (y0, y1), (x0, x1) = (
+                (max(int(n.min()) - pad, 0), int(n.max()) + pad + 1) for n in np.nonzero(mine)
+            )
             there = np.s_[y0:y1, x0:x1]
-            halo = (x0, y0), np.where(mine[there][..., None], rest[there], np.float32(0))
+            share = np.where(
+                near[there] > 0, _soft(mine[there], CUT.shared) / np.maximum(all_near[there], 1e-6), 0
+            )
+            halo = (x0, y0), np.asarray(share[..., None] * rest[there], np.float32)
         found.append(replace(sprite, rest=own, halo=halo))
     return found
 

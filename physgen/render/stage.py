@@ -266,7 +266,7 @@ class Stage:
     actors: Sequence[ShadowBody] = ()
     """One a sprite, where there is `lit`."""
     grounds: Sequence[Array] = ()
-    """Side view: (4,) px each, the two ends of what shadows fall on from above."""
+    """Side view: (6,) px each, the two ends of what shadows fall on from above, and the columns where that goes on."""
     veils: Sequence[F32 | None] | None = None
     """One a sprite, on its box: -log of the light that the others leave on it at t = 0; None: none."""
     supersample: int = 1

@@ -55,8 +55,10 @@ class StagingTuning:
     """Share of a ball's pixels that may lie outside its circle."""
     thread: float = 2.0
     """px: how thick what hangs on a ball is."""
-    steep: float = 1.2
-    """Rise over run from which a boundary is a wall, no floor."""
+    steep: float = 0.25
+    """Rise over run from which a boundary is no floor: shadows of a slope lie elsewhere."""
+    joined: float = 9.0
+    """px between the ends of two boundaries that are one floor."""
 
 
 STAGING = StagingTuning()
@@ -222,10 +224,13 @@ def lit_stage(
     if scene.render.shadows and maps.clean is not None:  # shadows of this light were seen
         thrown = occlusions(starts, occluders(starts, setting), setting)
         veils = [thrown.get(k) for k in range(len(starts))]
-        shares = [
-            1.0 if before is None else seen_share(sprite, actor, start, before, light)
+        seen = [
+            seen_share(sprite, actor, start, before, light)
             for (sprite, _), actor, start, before in zip(parts, actors, starts, veils, strict=True)
+            if before is not None
         ]
+        usual, known = float(np.median(seen)) if seen else 1.0, iter(seen)
+        shares = [usual if before is None else next(known) for before in veils]
         actors = [replace(actor, veiled=share) for actor, share in zip(actors, shares, strict=True)]
         veils = [
             None if before is None or share == 0 else np.asarray(share * before, np.float32)
@@ -277,15 +282,24 @@ def _ghosts(
 
 
 def floors(world: World) -> list[Array]:
-    """(4,) px: the segments of all walls on which objects can stand."""
-    found = []
-    for wall in world.walls:
-        for chain in wall.chains:
-            for a, b in pairwise(chain):
-                run, rise = abs(float(b[0] - a[0])), abs(float(b[1] - a[1]))
-                if run > 1 and rise < STAGING.steep * run:
-                    found.append(np.array([*a, *b]))
-    return found
+    """(6,) px: segments of walls that are level enough for shadows, and the columns between which they go on level."""
+    found = [
+        np.concatenate([a, b])
+        for wall in world.walls
+        for chain in wall.chains
+        for a, b in pairwise(chain)
+        if abs(b[0] - a[0]) > 1 and abs(b[1] - a[1]) < STAGING.steep * abs(b[0] - a[0])
+    ]
+    joined = []
+    for one in found:
+        level = [g for g in found if np.abs(np.subtract.outer(g[1::2], one[1::2])).min() < STAGING.joined]
+        spans = sorted((min(g[::2]), max(g[::2])) for g in level)
+        left, right = sorted(one[::2])
+        for a, b in (*spans, *reversed(spans)):
+            if a <= right + STAGING.joined and b >= left - STAGING.joined:
+                left, right = min(left, a), max(right, b)
+        joined.append(np.array([*one, left, right]))
+    return joined
 
 
 def passed(ground: Array, labels: NDArray[np.uint16], shadows: NDArray[np.uint16]) -> bool:
@@ -300,10 +314,10 @@ def passed(ground: Array, labels: NDArray[np.uint16], shadows: NDArray[np.uint16
         if not len(rows):
             continue
         bottom = float(rows.max())
-        row = ground_below([ground], float(columns.mean()), bottom)
-        if row is not None and row - bottom < 2 * SUNK:
+        found = ground_below([ground], float(columns.mean()), bottom)
+        if found is not None and found[0] - bottom < 2 * SUNK:
             seen += 1
-            below += bool(np.median(np.nonzero(shadows == i)[0]) > row + SUNK)
+            below += bool(np.median(np.nonzero(shadows == i)[0]) > found[0] + SUNK)
     return 2 * below > seen
 
 

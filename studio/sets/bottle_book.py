@@ -108,6 +108,7 @@ def stage() -> Stage:
         return {
             "forces": [{"object": "book", "impulse": c.push((0.075, 0)), "at": corner}],
             "comments": {"forces": "A finger's push at the top of the book's back."},
+            "render": {"slow": 2},
             "variants": {
                 "too-gentle": {"forces[0].impulse": c.push((0.03, 0))},
                 "full-bottle": {"objects.bottle.mass": 1250},
@@ -125,7 +126,7 @@ def stage() -> Stage:
         scenery,
         lights,
         {"table": Boundary([(-2, 0), (2, 0)], 0.5, 0.2)},
-        duration=1.6,
+        duration=1.4,
         softness=4.5,
         backdrop=0.95,
         exposure=4.2,

@@ -60,7 +60,7 @@ def stage() -> Stage:
         scenery,
         lights,
         {"table": Boundary([(-0.28144, 0), (0.29456, 0)], 0.5, 0.2)},
-        duration=0.75,
+        duration=0.72,
         softness=12,
         exposure=1.3,
         vignette=0.1,
@@ -79,7 +79,7 @@ def sections(camera: Camera) -> dict:
                 "at": [round(v) for v in camera.pixel((first.at[0] - BOX[0] / 2, 0.0446))],
             }
         ],
-        "render": {"frames": 90, "fps": 30},
+        "render": {"frames": 86, "fps": 30},
         "variants": {"gap": {"objects.domino-5": None}},
         "comments": {
             "world.pixels_per_meter": "a domino is 48 mm high, so gravity is 30,625 px/s²",

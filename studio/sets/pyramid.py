@@ -160,7 +160,7 @@ def stage() -> Stage:
         room(),
         lights,
         {"table": Boundary([(-2, 0), (2, 0)], 0.5, 0.25)},
-        duration=0.8,
+        duration=0.66,
         softness=13,
         exposure=1.3,
         diffuse=True,
@@ -172,7 +172,7 @@ def stage() -> Stage:
 
 def sections(camera: Camera) -> dict:
     return {
-        "render": {"frames": 72, "fps": 30},
+        "render": {"frames": 60, "fps": 30},
         "variants": {
             "throw": {"objects.ball.velocity": camera.shift((3.8, 0.1))},
             "gentle-throw": {"objects.ball.velocity": camera.shift((2.6, 0.1))},

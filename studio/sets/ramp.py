@@ -174,12 +174,13 @@ it was rubbed with wax; try sand (its friction), or make the lowest carton the h
             ),
             "floor": Boundary([tuple(FOOT), (6, 0)], 0.6, 0.1),
         },
-        duration=2.0,
+        duration=1.9,
         softness=0.3,
         sun=(-0.85, -0.45, 0.32),
         exposure=1.8,
         diffuse=True,
         sections=lambda c: {
+            "render": {"slow": 1.5},
             "variants": {
                 "sanded": {"boundaries.ramp.friction": 0.8},
                 "heavy-on-top": {"objects.carton-5.mass": 15000},

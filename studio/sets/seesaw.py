@@ -104,7 +104,7 @@ def stage() -> Stage:
             0.2,
             solid="sphere",
             rolling=0.01,
-            velocity=(0, -0.3),
+            velocity=(-0.16, -0.3),
         ),
     ]
     radius = PIN * np.cos(np.radians(lean)) - THICK / 2
@@ -156,13 +156,13 @@ How high the stone flies is a matter of two masses, a height and the place of th
                 [tuple(p) for p in half[::4] * (radius - 0.008)], 0.6, 0.1, "a little below what is seen"
             ),
         },
-        duration=1.4,
+        duration=1.9,
         softness=45,
         exposure=1.75,
         film=None,
         sections=lambda c: {
             "joints": {"pin": {"objects": ["plank"], "pivot": [float(v) for v in c.pixel(pin).round(2)]}},
-            "render": {"frames": 63, "fps": 30},
+            "render": {"frames": 86, "fps": 30},
             "variants": {
                 "hollow-ball": {"objects.ball.mass": 900},
                 "heavy-stone": {"objects.stone.mass": 3000},

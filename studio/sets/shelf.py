@@ -193,6 +193,7 @@ def stage() -> Stage:
     def sections(c: Camera) -> dict:
         return {
             "forces": [{"object": "ball", "impulse": c.push((0.19 * 3.2, 0.19 * 0.8))}],
+            "render": {"slow": 3},
             "variants": {
                 "gentle": {"forces[0].impulse": c.push((0.19 * 0.5, 0))},
                 "pushed": {"forces[0].impulse": c.push((0.19 * 1.2, 0))},
@@ -214,7 +215,7 @@ def stage() -> Stage:
             "left-side": Boundary([(-INSIDE, 0), (-INSIDE, 0.8)], 0.4, 0.6),
             "right-side": Boundary([(INSIDE, 0), (INSIDE, 0.8)], 0.4, 0.6),
         },
-        duration=1.2,
+        duration=0.9,
         softness=1.7,
         backdrop=0.14,
         exposure=1.75,

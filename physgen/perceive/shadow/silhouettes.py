@@ -67,7 +67,7 @@ def object_silhouettes(
         if boundaries.view is View.TOP and not ball:
             thick *= 0.4 if radius is not None else 0.6
         below = _row_below(grounds, x, y1 / scale - 0.5) if floor is None else floor / scale
-        found.append(Silhouette(small, corner, (x, y), radius if ball else None, thick, below, item.id))
+        found.append(Silhouette(small, corner, (x, y), radius if ball else None, thick, below, id=item.id))
     return found
 
 
