@@ -99,11 +99,11 @@ Take a tin away, fill the lowest with sand, or throw harder."""
         scenery,
         lights,
         {"trestle": Boundary([(-1.2, 0), (1.2, 0)], 0.4, 0.2)},
-        duration=0.5,
+        duration=0.4,
         softness=20,
         exposure=1.9,
         sections=lambda c: {
-            "render": {"frames": 75, "fps": 30},
+            "render": {"frames": 60, "fps": 30},
             "variants": {
                 "full-of-sand": {f"objects.tin-{k}.mass": 700 for k in (1, 2, 3)},
                 "fast-ball": {"objects.ball.velocity": c.shift((9, -2.2))},

@@ -103,7 +103,7 @@ def stage() -> Stage:
     turn = T().rotate([0, 0, 1], 25).rotate([1, 0, 0], 35)
     fresh = sphere(BALL, matt(tennis_ball(1, 0.25)), turn)
     old = sphere(BALL, matt(tennis_ball(5, 0.95)), T().rotate([1, 0, 0], 100).rotate([0, 0, 1], 130))
-    hollow = {"solid": "disc", "rolling": 0.01}  # a shell is 2/3 m r²: disc, 1/2, is the nearest kind
+    hollow = {"solid": "disc", "rolling": 0.03}  # a shell is 2/3 m r²: disc, 1/2, is the nearest kind
     things = [
         Thing(
             "ball",
@@ -139,7 +139,7 @@ def stage() -> Stage:
 
     def sections(c: Camera) -> dict:
         return {
-            "render": {"frames": 60, "fps": 30},
+            "render": {"slow": 2},
             "variants": {
                 "smash": {"objects.ball.velocity": c.shift((6, 0.4)), "world.duration": 0.3},
                 "topspin": {"objects.ball.spin": 6000},
@@ -151,16 +151,16 @@ def stage() -> Stage:
     return Stage(
         "wall-ball",
         "A tennis ball flies at a brick wall, comes back, and drops where an old ball lies.\n"
-        "In slow motion, one second in a little over two. Let it spin (topspin) and the wall sends it up instead.",
+        "In slow motion, one second in two. Let it spin (topspin) and the wall sends it up instead.",
         camera,
         things,
         bricks() | yard(),
         lights,
         {
             "wall": Boundary([(WALL, 0), (WALL, 2)], 0.6, 0.75),
-            "ground": Boundary([(-3, 0), (WALL, 0)], 0.6, 0.75),
+            "ground": Boundary([(-3, 0), (WALL, 0)], 0.6, 0.5),
         },
-        duration=0.9,
+        duration=1.45,
         diffuse=True,
         softness=0.3,
         sun=(-0.62, -0.55, 0.72),
