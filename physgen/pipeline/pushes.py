@@ -55,6 +55,10 @@ class _Trial:
     """Of a speed, by which one that is written with three digits may differ."""
     wild: float = 2.5
     """Times the push's speed and that of a fall over the photo, from which a motion is an explosion."""
+    slender: float = 1.5
+    """Times width over height: of the speed, for what topples before it slides."""
+    gentlest: float = 0.3
+    """Of the speed, at least."""
     harder: tuple[float, ...] = (1.0, 1.5, 2.5)
     """Times the ordinary speed, tried in turn until something moves half as far as counts in full."""
 
@@ -89,13 +93,18 @@ def default_push(scene: Scene, shapes: Shapes, sure: Mapping[str, float]) -> Pus
 
     side = max(scene.size)
     ordinary = push_speed(side, scene.world.pixels_per_meter)
-    ranked = _ranked(scene, compile_shapes(scene, shapes).world.bodies, sure)
+    bodies = compile_shapes(scene, shapes).world.bodies
+    ranked = _ranked(scene, bodies, sure)
+    sizes = [np.ptp(np.concatenate(body.rings), axis=0) for body in bodies]
+    slender = {item.name: float(x / y) for item, (x, y) in zip(scene.objects, sizes, strict=True)}
     best, most, farthest = None, 0.0, 0.0
     for factor in TRIAL.harder:
         speed = float(f"{ordinary * factor:.2g}")
         tried: list[tuple[float, Push]] = []
         for item, way in ranked[: TRIAL.tried]:
-            velocity = (round(speed * way[0]), round(speed * way[1]))
+            gentle = TRIAL.slender * slender[item.name] if scene.world.view is View.SIDE else 1.0
+            part = speed * min(max(gentle, TRIAL.gentlest), 1.0)
+            velocity = (round(part * way[0]), round(part * way[1]))
             shown, way_gone = _shown(scene, shapes, item, velocity)
             tried.append((shown, Push(item.name, velocity, _comment(way))))
             farthest = max(farthest, way_gone)

@@ -128,7 +128,7 @@ def clutter() -> dict[str, Part]:
 def stage() -> Stage:
     camera = Camera("side", height=0.60, centre=(0.0, 0.20), rise=(0.05, 0.27), aperture=0.07)
     parts = body()
-    drive = 1.3  # m/s
+    drive = 1.11  # m/s
     turn = float(np.degrees(drive / WHEEL))
     things = [
         Thing(
@@ -137,8 +137,8 @@ def stage() -> Stage:
             parts,
             {"polygon": rounded(np.array(BODY) * 0.01, 1).tolist()},
             (CAR, 0),
-            250,
-            0.1,
+            150,
+            0.4,
             0.3,
             velocity=(drive, 0),
         )
@@ -170,7 +170,7 @@ def stage() -> Stage:
         block = rounded_box((BLOCK, BLOCK, BLOCK), satin(grain, 0.32), 0.0018, 0.09, (0.3 * k, 0.2))
         at = 0.125 + lean, (k + 0.5) * BLOCK
         things.append(
-            Thing(f"block-{k + 1}", "wooden block", [block], {"box": (BLOCK, BLOCK)}, at, 70, 0.2, 0.3)
+            Thing(f"block-{k + 1}", "wooden block", [block], {"box": (BLOCK, BLOCK)}, at, 70, 0.5, 0.3)
         )
     birch = satin(
         wood(1024, 2048, srgb(186, 150, 108), srgb(218, 188, 146), seed=6, rings=24, figure=0.05), 0.35
@@ -200,7 +200,7 @@ def stage() -> Stage:
         pivot = {n: {"objects": [n, "car"], "pivot": tidy(c.pixel((CAR + x, WHEEL)))} for n, x in pins}
         return {
             "joints": {"rear-axle": pivot["rear-wheels"], "front-axle": pivot["front-wheels"]},
-            "render": {"frames": 63, "fps": 30},
+            "render": {"frames": 60, "fps": 30},
             "variants": {
                 "jump": all_at(c, 1.5),
                 "stunt": all_at(c, 2.8) | {"world.duration": 0.5},
@@ -211,8 +211,7 @@ def stage() -> Stage:
 
     return Stage(
         "toy-car",
-        "A toy car runs up a ramp at 1.3 m/s, knocks the upper block down and lands behind the lower one.\n"
-        "Its wheels turn on pins.\n"
+        "A toy car runs up a ramp at 1.11 m/s and knocks the upper block down. Its wheels turn on pins.\n"
         "The video is slow motion, one second in two. Without the blocks (free-road) it drives on.",
         camera,
         things,
@@ -222,7 +221,7 @@ def stage() -> Stage:
             "table": Boundary([(-2, 0), (2, 0)], 0.5, 0.3),
             "ramp": Boundary(list(RAMP), 0.5, 0.2, "The ramp is nailed down."),
         },
-        duration=1.05,
+        duration=1.0,
         softness=17,
         exposure=1.25,
         world={"steps_per_second": 1920},
