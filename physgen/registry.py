@@ -34,13 +34,11 @@ class Weights:
     """Numbers that a model loads when it first runs: a file or a folder."""
 
     id: str
-    """On the hub; `""` where only a local file serves."""
+    """On the hub."""
     size: str
     """Approximate, e.g. `1.1 GB`."""
     licence: str
     """According to its model card."""
-    get: str = ""
-    """How to get it, where it is not on the hub."""
 
 
 @dataclass(frozen=True)
@@ -92,8 +90,8 @@ class Backend:
     """`segment`, `inpaint` ...; the Protocol of the same name documents inputs and outputs."""
     name: str
     target: str
-    """`module:factory`; the factory returns a callable of the role's Protocol. It takes a `Setup` where the row has
-    `weights` or `takes_setup`."""
+    """`module:factory`, empty where the role is left out; the factory returns a callable of the role's Protocol. It
+    takes a `Setup` where the row has `weights` or `takes_setup`."""
     about: str
     """One sentence for `physgen backends`."""
     needs: tuple[str, ...] = ()
@@ -572,8 +570,7 @@ def _missing(row: Backend, named: str, options: Mapping[str, Any]) -> Iterator[s
         if part and not weights_present(part):
             yield f"lacks {part}"
         elif not part and not weights_present(default.id):
-            name, get = default.id or "its file", default.get or f"hf download {default.id}"
-            yield f"lacks {name} ({default.size}, {default.licence}): {get}"
+            yield f"lacks {default.id} ({default.size}, {default.licence}): hf download {default.id}"
     # `url` of [vlm] stands for PHYSGEN_VLM_URL; a model named after the colon stands for both
     configured = {name for name in row.settings if options.get(name.rsplit("_", 1)[-1].lower())}
     if unset := [name for name in row.settings if not (os.environ.get(name) or name in configured or named)]:

@@ -28,7 +28,7 @@ from physgen.refine.denoiser import Denoiser, PromptSettings
 from physgen.refine.fusion import Refinement, RefineSettings
 from physgen.scene.scene import View
 
-ROWS = list(registry.BACKENDS)
+ROWS = [row for row in registry.BACKENDS if row.target]
 """All of them: a library that is missing fails here, and hides nothing."""
 SIZE = 160, 120
 
