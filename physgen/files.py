@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 import re
 import shutil
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
@@ -67,33 +67,6 @@ def file_stamp(path: Path) -> Stamp:
 def partial(path: Path, kind: str = "part") -> Path:
     """A name of this process's own beside `path`, on the same file system, which machines may share."""
     return path.with_name(f".{path.name}.{os.getpid()}-{machine_id()}.{kind}")
-
-
-@contextmanager
-def new_folder(final: Path) -> Iterator[Path]:
-    """A fresh folder whose files stand in `final`, which is new or empty, at the end; on any error nothing is left.
-
-    An empty folder that is there may be a link, a mount point or the current folder: it stays, and is filled.
-    """
-    final = final.resolve()
-    beside = partial(final)
-    shutil.rmtree(beside, ignore_errors=True)
-    above = [folder for folder in beside.parents if not folder.exists()]
-    beside.mkdir(parents=True)
-    try:
-        yield beside
-        if final.exists():
-            for path in beside.iterdir():
-                shutil.move(path, final / path.name)
-            beside.rmdir()
-        else:
-            beside.rename(final)
-    except BaseException:
-        shutil.rmtree(beside, ignore_errors=True)
-        with suppress(OSError):  # one of them is in use by now
-            for folder in above:
-                folder.rmdir()
-        raise
 
 
 @cache

@@ -22,9 +22,8 @@ from typing import Any, BinaryIO
 from physgen import __version__
 from physgen.batch.clips import FoundClip, checked_folders, find_clips
 from physgen.batch.values import parse_yaml
-from physgen.files import new_folder
 from physgen.problems import InputError, Problem
-from physgen.report.folders import remove_leftovers_once
+from physgen.report.folders import atomic_folder
 from physgen.scene.load import scene_name
 
 DATASET_FILE = "dataset.json"
@@ -281,9 +280,7 @@ def gather(
     roots = checked_folders(roots)
     _check_output(out, roots)
     summary = DatasetSummary(Counter(dict.fromkeys(options.splits.names, 0)))
-    out.parent.mkdir(parents=True, exist_ok=True)
-    remove_leftovers_once(out.parent)
-    with new_folder(out) as folder:
+    with atomic_folder(out.resolve()) as folder:
         with ExitStack() as stack:
             written = Folders(folder, stack)
             for total, sample in enumerate(_samples(roots, options, summary, warn), 1):

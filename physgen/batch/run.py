@@ -23,8 +23,6 @@ from physgen.report.record import source_of
 from physgen.simulate.trajectory import read_trajectory
 from physgen.tables import Cell
 
-MANIFEST = "manifest.json"
-
 
 @dataclass(frozen=True)
 class Refiner:

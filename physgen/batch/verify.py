@@ -20,7 +20,7 @@ from physgen.pipeline.stages import Film, Keep, Stages
 from physgen.problems import InputError, Problem
 from physgen.report.record import RunRecord, file_hash, frame_hash, inputs, versions
 from physgen.simulate.trajectory import Trajectory, read_trajectory
-from physgen.text import quoted, rounded
+from physgen.text import counted, quoted, rounded
 
 NOT_REFINED = "refinement was not run again: the clip as it was drawn is compared"
 NO_CAUSE = "nothing that it reads has changed, nor have versions or the machine"
@@ -296,8 +296,3 @@ def few(texts: Sequence[str]) -> str:
     """The first ones, and the number of the others."""
     more = len(texts) - MAX_NAMED
     return ", ".join(texts[:MAX_NAMED]) + (f" and {more} more" if more > 0 else "")
-
-
-def counted(count: int, noun: str) -> str:
-    """A number and its noun."""
-    return f"{count} {noun}{'s' * (count != 1)}"

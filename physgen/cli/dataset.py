@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from physgen.cli.arguments import WRONG_INPUT, Command, Parser, labels, seed
 from physgen.cli.output import OK, print_error, print_line, print_problem
 from physgen.problems import Place, Problem, Severity
+from physgen.text import counted
 
 if TYPE_CHECKING:
     from physgen.batch.dataset import DatasetSummary
@@ -51,7 +52,7 @@ def dataset(options: argparse.Namespace) -> int:
         for path in done.files:
             print_line(str(path))
         split = ", ".join(f"{name} {count:,}" for name, count in done.counts.items())
-        print_error(f"{_clips(done.total)}: {split}")
+        print_error(f"{counted(done.total, 'clip')}: {split}")
     return WRONG_INPUT if done.left_out else OK
 
 
@@ -63,7 +64,7 @@ def _odd(done: DatasetSummary, options: argparse.Namespace) -> None:
 
     for name in options.format:
         if lacking := done.total - done.formats[name]:
-            what = f"{_clips(lacking)} of {done.total:,} have no {name}"
+            what = f"{counted(lacking, 'clip')} of {done.total:,} have no {name}"
             odd(what, f"render them with --export {name}, or leave it out of --format")
     empty = [name for name, count in done.counts.items() if not count]
     if empty:
@@ -71,10 +72,6 @@ def _odd(done: DatasetSummary, options: argparse.Namespace) -> None:
         fix = "splits are by photo: take more photos, another --seed, or other shares with --split"
         there = "there is 1 photo" if photos == 1 else f"there are {photos:,} photos"
         odd(f"has no clip in {', '.join(empty)}: {there}", fix)
-
-
-def _clips(count: int) -> str:
-    return "1 clip" if count == 1 else f"{count:,} clips"
 
 
 def add(parser: Parser) -> None:

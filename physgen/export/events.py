@@ -96,25 +96,19 @@ class Event:
     """Of the picture, where an object leaves or enters: one of SIDES."""
 
 
-def events(
-    world: World, trajectory: Trajectory, shot: Shot, sampled: Sampled | None = None
-) -> tuple[Event, ...]:
-    """All events to the end of the motion, by time; `trajectory` has the samples of the frames, played forward.
-
-    `sampled` gives the same motion at other times; without it, it is simulated again. Of a clip of one frame, the
-    events at its moment.
-    """
-    if not world.bodies or not len(trajectory.times):
+def events(clip: Clip) -> tuple[Event, ...]:
+    """All events to the end of the motion, by time. Of a clip of one frame, the events at its moment."""
+    world, seen = clip.world, clip.trajectory
+    if not world.bodies or not len(seen.times):
         return ()
-    seen = trajectory
-    if len(trajectory.times) > 1:
-        seen = _resampled(world, sampled or partial(simulate, world))
+    if len(seen.times) > 1:
+        seen = _resampled(world, clip.sampled or partial(simulate, world))
     impacts = find_impacts(world, seen, 1 / LIMITS.rate) if len(seen.times) > 1 else []
     found = [
         *_pushes(world, seen),
         *(_collision(world, seen, impact) for impact in impacts),
         *_motions(world, seen),
-        *_borders(world, seen, shot),
+        *_borders(world, seen, clip.shot),
     ]
     order = list(EventKind)
     return tuple(sorted(found, key=lambda event: (event.time, order.index(event.kind), event.surfaces)))
@@ -301,11 +295,6 @@ class ClipTimes:
         return samples / self._fps
 
 
-def events_of(clip: Clip) -> tuple[Event, ...]:
-    """The events of a clip."""
-    return events(clip.world, clip.trajectory, clip.shot, clip.sampled)
-
-
 def _place_seen(clip: Clip, event: Event) -> Point:
     """px of the video."""
     x, y = (clip.shot.affine(event.time) @ (*event.at, 1.0)).tolist()
@@ -334,7 +323,7 @@ class Events(Writer):
                 for item, label in zip(clip.scene.objects, clip.labels, strict=True)
             ],
             "boundaries": [wall.name for wall in clip.world.walls],
-            "events": [_event_json(clip, event) for event in events_of(clip)],
+            "events": [_event_json(clip, event) for event in events(clip)],
         }
         write_json(self._folder / "events.json", about)
 

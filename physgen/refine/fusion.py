@@ -28,7 +28,6 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from math import floor
 from typing import Any, TypeVar
 
@@ -247,7 +246,7 @@ class Refinement:
         z = fused(
             z0,
             mask,
-            noised=partial(_noised, model, noise),
+            noised=lambda latents, k: model.noised(latents, noise, k),
             denoised=denoised,
             count=how.count,
             stop=how.stop,
@@ -304,10 +303,6 @@ def backend_errors(flag: str, name: str) -> Iterator[None]:
     except Exception as error:
         fix = "see what failed, or choose another backend"
         raise InputError.of(flag, f'"{name}"', f"failed ({describe_error(error)})", fix) from error
-
-
-def _noised(model: Denoiser, noise: F32, latents: F32, k: int) -> F32:
-    return model.noised(latents, noise, k)
 
 
 def _paired(refined: Iterator[F32], guided: Iterator[F32]) -> Iterator[tuple[F32, F32]]:

@@ -83,17 +83,21 @@ def constraint_rows(scene: Scene) -> list[dict[str, str]]:
     rows = []
     for joint in scene.joints:
         at = " to ".join(map(value_text, joint.points))
-        rows.append((joint.name, joint.kind.value, _partners(joint), at, _settings(joint)))
+        rows.append(
+            (
+                joint.name,
+                joint.kind.value,
+                " and ".join([*joint.objects, "the world"][:2]),
+                at,
+                _settings(joint),
+            )
+        )
     for field in scene.fields:
         on = ", ".join(field.objects[:8]) + (", ..." if len(field.objects) > 8 else "")
         here = field.kind is FieldKind.ATTRACTOR
         at = value_text(field.vector) if here else "everywhere"
         rows.append((field.name, field.kind.value, on or "every dynamic object", at, _strength(field)))
     return [dict(zip(("name", "kind", "on", "at", "how"), row, strict=True)) for row in rows]
-
-
-def _partners(joint: Joint) -> str:
-    return " and ".join([*joint.objects, "the world"][:2])
 
 
 def _settings(joint: Joint) -> str:

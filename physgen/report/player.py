@@ -492,8 +492,4 @@ def _camera(shot: Shot) -> list[list[float]] | None:
         left, top = (-0.5 - x) / large, (-0.5 - y) / large
         views.append([round(float(v), 2) for v in (left, top, shot.video[0] / large, shot.video[1] / large)])
     whole = [-0.5, -0.5, *map(float, shot.photo)]
-    return views if _differ(views, whole) else None
-
-
-def _differ(views: Sequence[Sequence[float]], whole: Sequence[float]) -> bool:
-    return bool(np.abs(np.array(views) - whole).max(initial=0.0) > 1.0)
+    return views if np.abs(np.array(views) - whole).max(initial=0.0) > 1.0 else None

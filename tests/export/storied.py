@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from physgen import pipeline
-from physgen.export.events import Event, EventKind, events_of
+from physgen.export.events import Event, EventKind, events
 from physgen.export.labels import Clip
 
 G = 500.0
@@ -49,6 +49,6 @@ def happened(told: Clip, kind: EventKind, who: str | None = None) -> list[Event]
     names = [name for name, _ in told.world.surfaces]
     return [
         event
-        for event in events_of(told)
+        for event in events(told)
         if event.kind is kind and (who is None or who in [names[k] for k in event.surfaces])
     ]

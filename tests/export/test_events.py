@@ -11,7 +11,7 @@ import pytest
 from storied import BALL, G, clip, clip_of, happened
 
 from physgen.batch.outcomes import outcomes
-from physgen.export.events import ClipTimes, Event, EventKind, Events, events_of
+from physgen.export.events import ClipTimes, Event, EventKind, Events, events
 from physgen.export.labels import Clip
 
 E = sqrt(0.64 * 1)  # of the ball and the floor
@@ -93,7 +93,7 @@ def test_the_file_names_what_the_scene_names(tmp_path: Path) -> None:
     (tmp_path / "made").mkdir()
     Events(tmp_path / "made", told).close()
     data = json.loads((tmp_path / "made" / "events.json").read_text())
-    assert len(data["events"]) == len(events_of(told))
+    assert len(data["events"]) == len(events(told))
     for event in data["events"]:
         assert event["who"][0] == "ball"
         if event["kind"] == "collision":
@@ -122,7 +122,7 @@ SCENES = Path(__file__).parents[2] / "scenes"
 
 
 def _plain(told: Clip) -> list[tuple[object, ...]]:
-    return [(event.kind, event.surfaces, event.side) for event in events_of(told)]
+    return [(event.kind, event.surfaces, event.side) for event in events(told)]
 
 
 def _numbers(event: Event) -> list[float]:
@@ -142,5 +142,5 @@ def test_frames_change_no_event(dominoes: Clip, frames: int) -> None:
     told = clip_of(SCENES / "dominoes" / "scene.yaml", film)
     assert told.count == frames
     assert _plain(told) == _plain(dominoes)
-    for event, same in zip(events_of(told), events_of(dominoes), strict=True):
+    for event, same in zip(events(told), events(dominoes), strict=True):
         assert _numbers(event) == pytest.approx(_numbers(same), abs=1e-6, rel=1e-6)
