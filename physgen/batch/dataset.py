@@ -38,20 +38,6 @@ _SPLIT_NAME = re.compile(r"[a-z][a-z0-9_]{0,30}")
 
 
 @dataclass(frozen=True)
-class DatasetOptions:
-    """What kind of data set is made."""
-
-    splits: Splits
-    formats: tuple[str, ...] = ()
-    """Labels to include; empty: all that clips have."""
-
-    def settings(self) -> dict[str, Any]:
-        """For `dataset.json`."""
-        shares, formats = dict(self.splits.shares), list(self.formats)
-        return {"dataset": 1, "seed": self.splits.seed, "splits": shares, "formats": formats}
-
-
-@dataclass(frozen=True)
 class Splits:
     """Names of splits and their shares of the photos, which add up to 1."""
 
@@ -133,29 +119,26 @@ def key(name: str) -> str:
     return f"{text}-{hashlib.sha256(name.encode('utf-8', 'surrogateescape')).hexdigest()[:10]}"
 
 
-def read_sample(clip: FoundClip, splits: Splits, formats: Collection[str]) -> Sample:
-    """With labels of the `formats`, of all where there are none. Raises InputError where the clip cannot be used."""
+def read_sample(clip: FoundClip, splits: Splits) -> Sample:
+    """With all of its labels. Raises InputError where the clip cannot be used."""
     manifest = clip.manifest
     if manifest is None:
         raise InputError.of(str(clip.folder), "", "has no manifest that can be read", "render it again")
     try:
-        members = tuple(_members(clip.folder, manifest["files"], formats))
+        members = tuple(_members(clip.folder, manifest["files"]))
         about = _about(clip, manifest, members, splits)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError):
         raise InputError.of(str(clip.folder), "", "has a damaged manifest", "render it again") from None
     return Sample(about["key"], about["split"], clip.folder, members, about)
 
 
-def _members(folder: Path, files: Mapping[str, str], formats: Collection[str]) -> Iterator[Member]:
+def _members(folder: Path, files: Mapping[str, str]) -> Iterator[Member]:
     """Raises InputError where a file is missing, or there is no video."""
     if VIDEO not in files:
         raise InputError.of(str(folder), "", f"has no {VIDEO}", "render it with --export")
     chosen = {name: name for name in (VIDEO, "trajectory.npz") if name in files}
     labels = {name.removeprefix(f"{LABELS}/"): name for name in files if name.startswith(f"{LABELS}/")}
-    for label, name in sorted(labels.items()):
-        if not formats or label.partition("/")[0] in formats:
-            chosen[label] = name
-    for name, file in chosen.items():
+    for name, file in (chosen | dict(sorted(labels.items()))).items():
         for path in map(PurePosixPath, (name, file)):  # a manifest is untrusted
             if ".." in path.parts or path.is_absolute():
                 raise ValueError(file)
@@ -228,8 +211,6 @@ class DatasetSummary:
     photos: set[str] = field(default_factory=set)
     left_out: int = 0
     """Clips that cannot be used."""
-    formats: Counter[str] = field(default_factory=Counter)
-    """Number of clips that have labels of a format."""
     files: Sequence[Path] = ()
     """Those that readers open."""
 
@@ -268,7 +249,7 @@ def _json_line(data: Mapping[str, Any]) -> bytes:
 def gather(
     roots: Sequence[Path],
     out: Path,
-    options: DatasetOptions,
+    splits: Splits,
     warn: Callable[[Problem], None],
     progress: Callable[[int], None] = lambda count: None,
 ) -> DatasetSummary:
@@ -279,22 +260,22 @@ def gather(
     """
     roots = checked_folders(roots)
     _check_output(out, roots)
-    summary = DatasetSummary(Counter(dict.fromkeys(options.splits.names, 0)))
+    summary = DatasetSummary(Counter(dict.fromkeys(splits.names, 0)))
     with atomic_folder(out.resolve()) as folder:
         with ExitStack() as stack:
             written = Folders(folder, stack)
-            for total, sample in enumerate(_samples(roots, options, summary, warn), 1):
+            for total, sample in enumerate(_samples(roots, splits, summary, warn), 1):
                 written.add(sample)
                 summary.counts[sample.split] += 1
                 summary.photos.add(str(sample.about["photo"]))
-                summary.formats.update(sample.about["labels"])
                 progress(total)
         if not summary.total:
             fix = "name folders that physgen rendered or exported into"
             found = "holds no clip that can be used"
             raise InputError.of(", ".join(map(str, roots)), "", found, fix)
         files = sorted(folder.glob(f"*/{ROWS}"))
-        content = {**options.settings(), "physgen": __version__, "clips": summary.counts}
+        settings = {"dataset": 1, "seed": splits.seed, "splits": dict(splits.shares)}
+        content = {**settings, "physgen": __version__, "clips": summary.counts}
         text = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
         (folder / DATASET_FILE).write_text(text, encoding="utf-8")
     summary.files = [out / path.relative_to(folder) for path in files]
@@ -302,12 +283,12 @@ def gather(
 
 
 def _samples(
-    roots: Sequence[Path], options: DatasetOptions, summary: DatasetSummary, warn: Callable[[Problem], None]
+    roots: Sequence[Path], splits: Splits, summary: DatasetSummary, warn: Callable[[Problem], None]
 ) -> Iterator[Sample]:
     keys: set[str] = set()
     for clip in find_clips(roots):
         try:
-            sample = read_sample(clip, options.splits, options.formats)
+            sample = read_sample(clip, splits)
             if sample.key in keys:
                 found = f"is called {sample.key}, as another clip is"
                 raise InputError.of(str(clip.folder), "", found, "give one of their folders another name")

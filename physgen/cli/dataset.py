@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from physgen.cli.arguments import WRONG_INPUT, Command, Parser, labels, seed
+from physgen.cli.arguments import WRONG_INPUT, Command, Parser, seed
 from physgen.cli.output import OK, print_error, print_line, print_problem
 from physgen.problems import Place, Problem, Severity
 from physgen.text import counted
@@ -23,12 +23,9 @@ MAX_WARNINGS = 20
 
 
 def dataset(options: argparse.Namespace) -> int:
-    from physgen.batch.dataset import DatasetOptions, gather, read_splits
-    from physgen.export.formats import chosen_formats
+    from physgen.batch.dataset import gather, read_splits
 
-    chosen_formats(options.format, written=False)
     splits = read_splits(options.split, options.seed)
-    chosen = DatasetOptions(splits, options.format)
     warnings = 0
 
     def warn(problem: Problem) -> None:
@@ -41,10 +38,10 @@ def dataset(options: argparse.Namespace) -> int:
         if count % INTERVAL == 0:
             print_error(f"{count:,} clips")
 
-    done = gather(options.folders, options.output, chosen, warn, progress)
+    done = gather(options.folders, options.output, splits, warn, progress)
     if warnings > MAX_WARNINGS:
         print_error(f"... and {warnings - MAX_WARNINGS:,} more that cannot be used")
-    _odd(done, options)
+    _warn_of_empty_splits(done, options.output)
     if options.json:
         line = {"dataset": str(options.output), "clips": done.counts, "left_out": done.left_out}
         print_line(json.dumps({**line, "files": [str(path) for path in done.files]}))
@@ -56,29 +53,19 @@ def dataset(options: argparse.Namespace) -> int:
     return WRONG_INPUT if done.left_out else OK
 
 
-def _odd(done: DatasetSummary, options: argparse.Namespace) -> None:
-    """Warns of what is allowed and probably not intended."""
-
-    def odd(expected: str, fix: str) -> None:
-        print_problem(Problem(Place(str(options.output)), "", "", expected, fix, Severity.WARNING))
-
-    for name in options.format:
-        if lacking := done.total - done.formats[name]:
-            what = f"{counted(lacking, 'clip')} of {done.total:,} have no {name}"
-            odd(what, f"render them with --export {name}, or leave it out of --format")
-    empty = [name for name, count in done.counts.items() if not count]
-    if empty:
+def _warn_of_empty_splits(done: DatasetSummary, output: Path) -> None:
+    if empty := [name for name, count in done.counts.items() if not count]:
         photos = len(done.photos)
-        fix = "splits are by photo: take more photos, another --seed, or other shares with --split"
         there = "there is 1 photo" if photos == 1 else f"there are {photos:,} photos"
-        odd(f"has no clip in {', '.join(empty)}: {there}", fix)
+        fix = "splits are by photo: take more photos, another --seed, or other shares with --split"
+        expected = f"has no clip in {', '.join(empty)}: {there}"
+        print_problem(Problem(Place(str(output)), "", "", expected, fix, Severity.WARNING))
 
 
 def add(parser: Parser) -> None:
     about = "folders of rendered or exported clips, at any depth"
     parser.add_argument("folders", metavar="DIR", type=Path, nargs="+", help=about)
     parser.option("-o --output", "DATASET", Path, "folder of the data set", required=True)
-    parser.option("--format", "LIST", labels, "labels to include; default: all that the clips have", ())
     shares = "train=0.8,validation=0.1,test=0.1"
     about = f"shares of the photos: all clips of a photo are in the same split; default: {shares}"
     parser.option("--split", "SHARES", str, about, shares)

@@ -63,11 +63,10 @@ REMOVED = {
 """Formats of former versions, and where their content is."""
 
 
-def chosen_formats(names: Sequence[str], flag: str = FLAG, written: bool = True) -> list[LabelFormat]:
+def chosen_formats(names: Sequence[str], flag: str = FLAG) -> list[LabelFormat]:
     """The formats of `names`, each once.
 
-    Raises InputError with every unknown name, and every missing library where they are to be `written`; `flag` is
-    where they were given.
+    Raises InputError with every unknown name and every missing library; `flag` is where they were given.
     """
     known = {kind.name: kind for kind in FORMATS}
     problems: list[Problem] = []
@@ -79,7 +78,7 @@ def chosen_formats(names: Sequence[str], flag: str = FLAG, written: bool = True)
             if name in REMOVED:
                 fix = f"it was removed; {REMOVED[name]}"
             problems += InputError.of(flag, f'"{name}"', "is no format", fix).problems
-        elif written and kind.library and find_spec(kind.library) is None:
+        elif kind.library and find_spec(kind.library) is None:
             what, fix = f"needs {kind.library}, which is not installed", install("labels")
             problems += InputError.of(flag, f'"{name}"', what, fix).problems
     if problems:

@@ -147,13 +147,6 @@ def test_links_that_lead_back_are_not_followed(made: Path, tmp_path: Path) -> No
     ]
 
 
-def test_labels_can_be_chosen(made: Path, tmp_path: Path) -> None:
-    out = tmp_path / "data"
-    assert dataset(made, out, "--format", "events") == 0
-    for _, row in rows(out):
-        assert row["labels"] in (["events"], [])
-
-
 def test_clips_that_cannot_be_used_are_told_and_left_out(made: Path, tmp_path: Path, capsys) -> None:
     copy = tmp_path / "out"
     shutil.copytree(made / "few", copy)
@@ -206,10 +199,3 @@ def test_what_cannot_be_is_refused_in_one_line(made: Path, tmp_path: Path, capsy
     assert "hold the same clips" in refusal(capsys, few, str(made), "-o", str(data))
     assert "adds up to 0.9" in refusal(capsys, few, "-o", str(data), "--split", "train=0.8,test=0.1")
     assert '"Train" is no split' in refusal(capsys, few, "-o", str(data), "--split", "Train")
-    assert 'no format; did you mean "flo"?' in refusal(capsys, few, "-o", str(data), "--format", "flow")
-
-
-def test_formats_that_no_clip_has_are_told(made: Path, tmp_path: Path, capsys) -> None:
-    few = ["dataset", str(made / "few"), "-o", str(tmp_path / "data"), "--split", "train=1"]
-    assert main([*few, "--format", "depth,events"]) == 0
-    assert "3 clips of 3 have no depth" in capsys.readouterr().err
