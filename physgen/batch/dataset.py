@@ -85,16 +85,6 @@ def read_splits(text: str, seed: int) -> Splits:
     return Splits(tuple(shares.items()), seed)
 
 
-@dataclass(frozen=True, slots=True)
-class Member:
-    """One file; thousands are held for a shard."""
-
-    name: str
-    """In the sample: `video.mp4`, or `format/...` of a label."""
-    file: str
-    """In the clip's folder."""
-
-
 @dataclass(frozen=True)
 class Sample:
     """One clip in the data set."""
@@ -103,8 +93,8 @@ class Sample:
     """Letters, digits, - and _: the name of the sample."""
     split: str
     folder: Path
-    members: tuple[Member, ...]
-    """The video first."""
+    members: Mapping[str, str]
+    """Name in the sample (`video.mp4`, `format/...` of a label) -> file in the clip's folder."""
     about: Mapping[str, Any]
     """Metadata as JSON."""
 
@@ -125,36 +115,37 @@ def read_sample(clip: FoundClip, splits: Splits) -> Sample:
     if manifest is None:
         raise InputError.of(str(clip.folder), "", "has no manifest that can be read", "render it again")
     try:
-        members = tuple(_members(clip.folder, manifest["files"]))
+        members = _members(clip.folder, manifest["files"])
         about = _about(clip, manifest, members, splits)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError):
         raise InputError.of(str(clip.folder), "", "has a damaged manifest", "render it again") from None
     return Sample(about["key"], about["split"], clip.folder, members, about)
 
 
-def _members(folder: Path, files: Mapping[str, str]) -> Iterator[Member]:
-    """Raises InputError where a file is missing, or there is no video."""
+def _members(folder: Path, files: Mapping[str, str]) -> dict[str, str]:
+    """See `Sample.members`. Raises InputError where a file is missing, or there is no video."""
     if VIDEO not in files:
         raise InputError.of(str(folder), "", f"has no {VIDEO}", "render it with --export")
     chosen = {name: name for name in (VIDEO, "trajectory.npz") if name in files}
-    labels = {name.removeprefix(f"{LABELS}/"): name for name in files if name.startswith(f"{LABELS}/")}
-    for name, file in (chosen | dict(sorted(labels.items()))).items():
+    labels = sorted(name for name in files if name.startswith(f"{LABELS}/"))
+    chosen |= {name.removeprefix(f"{LABELS}/"): name for name in labels}
+    for name, file in chosen.items():
         for path in map(PurePosixPath, (name, file)):  # a manifest is untrusted
             if ".." in path.parts or path.is_absolute():
                 raise ValueError(file)
         if not (folder / file).is_file():
             raise InputError.of(str(folder / file), "", "is missing", "render the clip again")
-        yield Member(name, file)
+    return chosen
 
 
 def _about(
-    clip: FoundClip, manifest: Mapping[str, Any], members: Collection[Member], splits: Splits
+    clip: FoundClip, manifest: Mapping[str, Any], members: Collection[str], splits: Splits
 ) -> dict[str, Any]:
     document, video = manifest["document"], manifest["video"]
     photo = photo_of(document, manifest["inputs"])
     width, height = map(int, video["size"])
     frames, fps = len(manifest["frames"]), float(video["fps"])
-    formats = sorted({member.name.partition("/")[0] for member in members if "/" in member.name})
+    formats = sorted({name.partition("/")[0] for name in members if "/" in name})
     source = manifest.get("source")
     refine = manifest.get("refine")
     return {
@@ -231,14 +222,14 @@ class Folders:
         """Writes the sample's folder and its row."""
         split = self._root / sample.split
         home = split / sample.key
-        for member in sample.members:
-            place = home / member.name
+        for name, file in sample.members.items():
+            place = home / name
             place.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(sample.folder / member.file, place)
+            shutil.copyfile(sample.folder / file, place)
         (home / ABOUT).write_bytes(_json_line(sample.about))
         if sample.split not in self._rows:
             self._rows[sample.split] = self._stack.enter_context((split / ROWS).open("wb"))
-        row = {"file_name": f"{sample.key}/{sample.members[0].name}", **sample.about}
+        row = {"file_name": f"{sample.key}/{VIDEO}", **sample.about}
         self._rows[sample.split].write(_json_line(row))
 
 

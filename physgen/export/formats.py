@@ -31,10 +31,8 @@ class LabelFormat:
     maker: Callable[..., Writer]
     """Takes the folder, which exists and is empty, and the `Clip`; raises InputError."""
     about: str
-    maps: bool = False
-    """It reads the photo's maps."""
     needs: str = ""
-    """A map of the photo without which it cannot be made."""
+    """The map of the photo that it is made of."""
     library: str = ""
     """An optional module that it needs, of the extra `labels`."""
     most: int | None = None
@@ -44,8 +42,8 @@ class LabelFormat:
 FORMATS = (
     LabelFormat("frames", Frames, "the pictures, PNG"),
     LabelFormat("flo", Flo, "optical flow, Middlebury .flo, with masks of hidden pixels"),
-    LabelFormat("depth", Depth, "depth, 16-bit PNG", True, "depth"),
-    LabelFormat("normals", Normals, "normals, 16-bit PNG", True, "normals"),
+    LabelFormat("depth", Depth, "depth, 16-bit PNG", "depth"),
+    LabelFormat("normals", Normals, "normals, 16-bit PNG", "normals"),
     LabelFormat("coco", Coco, "masks, whole masks, boxes and tracks, COCO JSON", library="pycocotools"),
     LabelFormat("davis", Davis, "masks, palette PNG as in DAVIS 2017", most=254),
     LabelFormat("events", Events, "events: JSON"),

@@ -115,7 +115,7 @@ class Labels:
 
         chosen = chosen_formats(formats)
         check_fits(chosen, scene, maps)
-        return cls(chosen, maps if any(kind.maps for kind in chosen) else None)
+        return cls(chosen, maps if any(kind.needs for kind in chosen) else None)
 
     def check_kept(self, final: Path) -> None:
         """Raises InputError where the folder holds files of an earlier run that this one would remove."""
