@@ -85,20 +85,6 @@ def read_splits(text: str, seed: int) -> Splits:
     return Splits(tuple(shares.items()), seed)
 
 
-@dataclass(frozen=True)
-class Sample:
-    """One clip in the data set."""
-
-    key: str
-    """Letters, digits, - and _: the name of the sample."""
-    split: str
-    folder: Path
-    members: Mapping[str, str]
-    """Name in the sample (`video.mp4`, `format/...` of a label) -> file in the clip's folder."""
-    about: Mapping[str, Any]
-    """Metadata as JSON."""
-
-
 def key(name: str) -> str:
     """The end of a path in safe characters, with a hash of the whole that makes it unique.
 
@@ -109,21 +95,26 @@ def key(name: str) -> str:
     return f"{text}-{hashlib.sha256(name.encode('utf-8', 'surrogateescape')).hexdigest()[:10]}"
 
 
-def read_sample(clip: FoundClip, splits: Splits) -> Sample:
-    """With all of its labels. Raises InputError where the clip cannot be used."""
+def read_sample(clip: FoundClip, splits: Splits) -> tuple[dict[str, Path], dict[str, Any]]:
+    """The files of a clip by their names in the data set, with all labels, and its metadata as JSON.
+
+    Raises InputError where the clip cannot be used.
+    """
     manifest = clip.manifest
     if manifest is None:
         raise InputError.of(str(clip.folder), "", "has no manifest that can be read", "render it again")
     try:
         members = _members(clip.folder, manifest["files"])
-        about = _about(clip, manifest, members, splits)
+        return members, _about(clip, manifest, members, splits)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError):
         raise InputError.of(str(clip.folder), "", "has a damaged manifest", "render it again") from None
-    return Sample(about["key"], about["split"], clip.folder, members, about)
 
 
-def _members(folder: Path, files: Mapping[str, str]) -> dict[str, str]:
-    """See `Sample.members`. Raises InputError where a file is missing, or there is no video."""
+def _members(folder: Path, files: Mapping[str, str]) -> dict[str, Path]:
+    """Name in the data set (`video.mp4`, `format/...` of a label) -> file.
+
+    Raises InputError where a file is missing, or there is no video.
+    """
     if VIDEO not in files:
         raise InputError.of(str(folder), "", f"has no {VIDEO}", "render it with --export")
     chosen = {name: name for name in (VIDEO, "trajectory.npz") if name in files}
@@ -135,7 +126,7 @@ def _members(folder: Path, files: Mapping[str, str]) -> dict[str, str]:
                 raise ValueError(file)
         if not (folder / file).is_file():
             raise InputError.of(str(folder / file), "", "is missing", "render the clip again")
-    return chosen
+    return {name: folder / file for name, file in chosen.items()}
 
 
 def _about(
@@ -211,26 +202,14 @@ class DatasetSummary:
         return self.counts.total()
 
 
-class Folders:
-    """Writes the folder of each sample, and the row of each."""
-
-    def __init__(self, root: Path, stack: ExitStack) -> None:
-        self._root, self._stack = root, stack
-        self._rows: dict[str, BinaryIO] = {}
-
-    def add(self, sample: Sample) -> None:
-        """Writes the sample's folder and its row."""
-        split = self._root / sample.split
-        home = split / sample.key
-        for name, file in sample.members.items():
-            place = home / name
-            place.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(sample.folder / file, place)
-        (home / ABOUT).write_bytes(_json_line(sample.about))
-        if sample.split not in self._rows:
-            self._rows[sample.split] = self._stack.enter_context((split / ROWS).open("wb"))
-        row = {"file_name": f"{sample.key}/{VIDEO}", **sample.about}
-        self._rows[sample.split].write(_json_line(row))
+def write_sample(home: Path, members: Mapping[str, Path], about: Mapping[str, Any], rows: BinaryIO) -> None:
+    """Writes the folder of a clip, and its row in the table of its split."""
+    for name, file in members.items():
+        place = home / name
+        place.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(file, place)
+    (home / ABOUT).write_bytes(_json_line(about))
+    rows.write(_json_line({"file_name": f"{about['key']}/{VIDEO}", **about}))
 
 
 def _json_line(data: Mapping[str, Any]) -> bytes:
@@ -254,11 +233,15 @@ def gather(
     summary = DatasetSummary(Counter(dict.fromkeys(splits.names, 0)))
     with atomic_folder(out.resolve()) as folder:
         with ExitStack() as stack:
-            written = Folders(folder, stack)
-            for total, sample in enumerate(_samples(roots, splits, summary, warn), 1):
-                written.add(sample)
-                summary.counts[sample.split] += 1
-                summary.photos.add(str(sample.about["photo"]))
+            rows: dict[Path, BinaryIO] = {}
+            for total, (members, about) in enumerate(_samples(roots, splits, summary, warn), 1):
+                split = folder / about["split"]
+                if split not in rows:
+                    split.mkdir()
+                    rows[split] = stack.enter_context((split / ROWS).open("wb"))
+                write_sample(split / about["key"], members, about, rows[split])
+                summary.counts[about["split"]] += 1
+                summary.photos.add(about["photo"])
                 progress(total)
         if not summary.total:
             fix = "name folders that physgen rendered or exported into"
@@ -275,21 +258,21 @@ def gather(
 
 def _samples(
     roots: Sequence[Path], splits: Splits, summary: DatasetSummary, warn: Callable[[Problem], None]
-) -> Iterator[Sample]:
+) -> Iterator[tuple[Mapping[str, Path], Mapping[str, Any]]]:
     keys: set[str] = set()
     for clip in find_clips(roots):
         try:
-            sample = read_sample(clip, splits)
-            if sample.key in keys:
-                found = f"is called {sample.key}, as another clip is"
+            members, about = read_sample(clip, splits)
+            if about["key"] in keys:
+                found = f"is called {about['key']}, as another clip is"
                 raise InputError.of(str(clip.folder), "", found, "give one of their folders another name")
         except InputError as error:
             summary.left_out += 1
             for problem in error.problems:
                 warn(problem)
             continue
-        keys.add(sample.key)
-        yield sample
+        keys.add(about["key"])
+        yield members, about
 
 
 def _check_output(out: Path, roots: Sequence[Path]) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from physgen.batch.clips import find_clips
-from physgen.batch.dataset import Folders, Sample, Splits, read_splits
+from physgen.batch.dataset import Splits, read_splits, write_sample
 from physgen.cli.main import main
 
 SCENE = """\
@@ -125,13 +125,11 @@ def test_the_same_clips_give_the_same_bytes(made: Path, tmp_path: Path, monkeypa
 
 
 def test_an_interrupted_run_leaves_nothing(made: Path, tmp_path: Path, monkeypatch) -> None:
-    add = Folders.add
-
-    def stopping(self: Folders, sample: Sample) -> None:
-        add(self, sample)
+    def stopping(*sample: object) -> None:
+        write_sample(*sample)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Folders, "add", stopping)
+    monkeypatch.setattr("physgen.batch.dataset.write_sample", stopping)
     assert dataset(made, tmp_path / "data", *HALVES) == 130
     assert not list(tmp_path.iterdir())
 
