@@ -7,6 +7,7 @@
 PYTHON ?= python3
 BIN = .venv/bin
 OUT = out/demo
+LEFT_OUT = cups pendulum shelf
 TORCH = torch==2.13.0
 
 .PHONY: demo test test-slow docs bench studio train clean
@@ -16,7 +17,7 @@ demo: .venv/.demo
 	$(BIN)/physgen perceive scenes/billiards/photo.png -o $(OUT)/perceived/billiards-perceived.yaml
 	$(BIN)/physgen perceive scenes/dominoes/photo.png -o $(OUT)/perceived/dominoes-perceived.yaml
 	$(BIN)/physgen render $(OUT)/perceived/*.yaml -o $(OUT) --jobs 2
-	$(BIN)/physgen render scenes/*/scene.yaml -o $(OUT) --jobs 2
+	$(BIN)/physgen render $(filter-out $(LEFT_OUT:%=scenes/%/scene.yaml),$(wildcard scenes/*/scene.yaml)) -o $(OUT) --jobs 2
 	@echo
 	@echo "gallery: $(CURDIR)/$(OUT)/index.html"
 

@@ -649,7 +649,7 @@ COMMANDS: dict[str, Callable[[Path, random.Random], Iterator[tuple[str, ...]]]] 
     "disks": disks,
 }
 RUNS = {"interrupted": interrupted, "concurrent": concurrent, "editor": editor}
-SHARE = dict(zip((*COMMANDS, *RUNS), (60, 10, 6, 3, 6, 8, 3, 1, 1, 2), strict=True))
+SHARE = dict(zip((*COMMANDS, *RUNS), (60, 10, 6, 6, 8, 3, 1, 1, 2), strict=True))
 """Of 100 inputs, about; `scenes` are the quickest."""
 SEEDS = (1, 2, 3)
 COUNTS = ((("scenes",), 1670), (("interrupted",), 17), (tuple(SHARE)[1:], 180))

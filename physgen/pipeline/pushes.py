@@ -60,7 +60,9 @@ class _Trial:
     gentlest: float = 0.3
     """Of the speed, at least."""
     harder: tuple[float, ...] = (1.0, 1.5, 2.5)
-    """Times the ordinary speed, tried in turn until something moves half as far as counts in full."""
+    """Times the ordinary speed, tried in turn until something moves half as far as counts in full, or many do."""
+    many: float = 2.0
+    """What is shown by a far motion of one object, and all still in the picture; many short ones are as much."""
 
 
 TRIAL = _Trial()
@@ -111,7 +113,7 @@ def default_push(scene: Scene, shapes: Shapes, sure: Mapping[str, float]) -> Pus
         now = max((shown for shown, _ in tried), default=0.0)
         if now > most:
             best, most = next(push for shown, push in tried if shown >= TRIAL.enough * now), now
-        if farthest >= TRIAL.far / 2:
+        if farthest >= TRIAL.far / 2 or most >= TRIAL.many:
             break
     return best
 
