@@ -27,15 +27,15 @@ def main() -> int:
 
 def _end(code: int) -> int:
     """Ends the process at once where nothing runs or waits to be written: taking modules apart is 4 % of a clip."""
+    if sum(not thread.daemon for thread in threading.enumerate()) > 1:
+        return code
+    atexit._run_exitfuncs()
     try:
         sys.stdout.flush()
         sys.stderr.flush()
     except (OSError, ValueError):  # Python's own end reports it
         return code
-    if sum(not thread.daemon for thread in threading.enumerate()) == 1:
-        atexit._run_exitfuncs()
-        os._exit(code)
-    return code
+    os._exit(code)
 
 
 if __name__ == "__main__":

@@ -274,7 +274,7 @@ class _Run:
         self.labels = Labels.of(options.export, scene, maps.percepts)
         if options.export and not options.formats:
             self.labels.check_kept(self.final)
-        self.aside = Aside(record)
+        self.aside = Aside(record, scene.size)
         self._percepts = maps.percepts if self.paged else None
         self._perceived: Callable[[], Perception | None]
         self._player: Callable[[], Data | None]

@@ -367,10 +367,14 @@ class Stages:
 
 
 class Aside:
-    """Threads that work while the run goes on; whoever waits for one counts the wall time."""
+    """Threads that work while the run goes on; whoever waits for one counts the wall time.
 
-    def __init__(self, record: RunRecord) -> None:
-        self._record = record
+    With the maps of a large photo nothing is done at once with anything else, for memory.
+    """
+
+    def __init__(self, record: RunRecord, size: tuple[int, int]) -> None:
+        """`size` of the photo, px."""
+        self._record, self._large = record, size[0] * size[1] > MOST_PIXELS
         self._threads: list[Thread] = []
 
     def start(self, stage: str, work: Callable[[], T]) -> Callable[[], T]:
@@ -378,6 +382,10 @@ class Aside:
         from physgen.report.record import StageTime
 
         done: Future[T] = Future()
+        if self._large:
+            with self._record.stage(stage, time.thread_time):
+                done.set_result(work())
+            return done.result
 
         def run() -> None:
             try:

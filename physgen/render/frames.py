@@ -47,7 +47,7 @@ def encode_picture(linear: NDArray[np.float32]) -> NDArray[np.uint8]:
     """The nearest sRGB code of linear light, any shape (h, w, 3); the same bytes as `encode_u8`, in less time."""
     index = linear * np.float32(65535)
     index += np.float32(0.5)
-    return np.asarray(_table().take(index.astype(np.intp), mode="clip"), np.uint8)
+    return np.asarray(_table().take(index.astype(np.int32), mode="clip"), np.uint8)
 
 
 @cache
