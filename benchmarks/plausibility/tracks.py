@@ -5,6 +5,7 @@ physgen, and CSV tables.
 from __future__ import annotations
 
 import csv
+import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -163,7 +164,8 @@ def from_clip(folder: Path) -> Tracks:
             world = None
         if world is not None and tuple(body.name for body in world.bodies) == names:
             return from_world(name, world, times, poses)
-    view = View(str(manifest.document.get("world", {}).get("view", "side")))
+    document = json.loads((folder / "manifest.json").read_text())["document"]
+    view = View(str(document.get("world", {}).get("view", "side")))
     about = "poses without outlines: the scene is missing or has changed"
     forms = (disc(0.0),) * len(names)
     return Tracks(name, times, names, poses[..., :2], poses[..., 2], forms, view, LIMITS.exact, about)
