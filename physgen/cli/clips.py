@@ -99,9 +99,6 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
     from physgen.pipeline import RenderOptions
 
     page = pipeline.Page(options.report or ("none" if options.preview else "full"))
-    if options.single_file and page is pipeline.Page.NONE:
-        fix = f"leave out {'--report none' if options.report else '--preview'}"
-        raise InputError.of("--single-file", "", "needs a page to put the video into", fix)
     if options.export:
         check_formats(options.export, "--export")
     refiner, overrides = _refining(options)
@@ -115,7 +112,6 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
         draw_seed=options.fan_seed,
         cached=options.cache,
         page=page,
-        single_file=options.single_file,
         export=tuple(options.export),
     )
 
@@ -366,7 +362,6 @@ def add_clips(parser: Parser) -> None:
     parser.add_argument("--report", choices=REPORTS, help=about)
     about = "ground truth beside the clip, in truth/: any of the formats of physgen export"
     parser.option("--export", "LIST", labels, about, ())
-    parser.flag("--single-file", "embed the video in report.html: self-contained, works offline")
     parser.flag("--preview", "a quick look: at most 24 frames of the photo's size, without a report")
     parser.flag("--no-cache", "render existing clips again")
     parser.flag("--json", "print a line of JSON for each clip, and one at the end")

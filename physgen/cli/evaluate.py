@@ -17,7 +17,6 @@ from physgen.cli.output import (
     print_backup,
     print_error,
     print_json,
-    print_problem,
     print_problems,
 )
 from physgen.files import install
@@ -26,6 +25,8 @@ from physgen.problems import InputError, Problem
 if TYPE_CHECKING:
     from physgen.evaluate.measure import Findings
 
+MAILED = 50.0
+"""MB of a page that most mailboxes take."""
 REFERENCE = "reference"
 """The other side of fid."""
 
@@ -188,7 +189,6 @@ def run_study(options: argparse.Namespace) -> int:
 
 def _make_study(options: argparse.Namespace) -> int:
     from physgen.evaluate.study import check_page, make, methods_in, write_study
-    from physgen.report.films import size_warning
 
     if any(path.suffix == ".json" for path in options.paths):
         fix = "name the key that was made with the page, e.g. --key study.key.json"
@@ -206,8 +206,8 @@ def _make_study(options: argparse.Namespace) -> int:
     key = write_study(made, page, print_backup)
     if left_out := set(methods.scenes) - set(methods.complete):
         print_error(f"left out, since not every method has made them: {', '.join(sorted(left_out))}")
-    if (large := size_warning(page, "name fewer with --videos")) is not None:
-        print_problem(large)
+    if (size := page.stat().st_size / 1e6) > MAILED:
+        print_error(f"{page} has {size:.0f} MB, more than most mailboxes take: name fewer with --videos")
     count, scenes = len(methods.names), len(made.key.scenes)
     if options.json:
         record = {"page": str(page), "key": str(key), "study": made.key.study, "clips": len(made.clips)}

@@ -66,8 +66,6 @@ class RenderOptions:
     cached: bool = True
     """Whether a complete clip of the same options is kept."""
     page: Page = Page.FULL
-    single_file: bool = False
-    """Whether the page embeds the video, to be sent alone."""
     export: tuple[str, ...] = ()
     """Formats of ground truth: written to `truth/`, or to the clip's folder where there is no video."""
     models: tuple[str, ...] = ()
@@ -89,7 +87,6 @@ def command_alone(path: str | Path, options: RenderOptions) -> list[str]:
         *([] if formats in ("", "mp4") else [f"--format={formats}"]),
         *([f"--fan={options.draws}", f"--fan-seed={options.draw_seed}"] if options.draws else []),
         *([f"--export={','.join(options.export)}"] if options.export else []),
-        *(["--single-file"] if options.single_file else []),
         *(["--allow-outside"] if options.allow_outside else []),
     ]
 
@@ -281,7 +278,6 @@ class _Run:
 
     def made(self, refiners: Refiners) -> Path:
         """The folder, complete. Raises InputError."""
-        from physgen.report.films import size_warning
         from physgen.report.folders import atomic_folder
 
         options, record, film = self.options, self.record, self.film
@@ -314,10 +310,6 @@ class _Run:
             if not self.inputs_unchanged():
                 record.mark = ""  # the next run makes it again: which of the two was drawn is unknown
             write_manifest(record, folder)
-        if self.paged and options.single_file:
-            large = size_warning(self.final / "report.html", "make the clip shorter or smaller")
-            if large is not None:
-                self._warn(large)
         if faults:
             raise InputError([*faults, _kept(self.final, "has the clip without refinement")])
         return self.final
@@ -456,7 +448,7 @@ class _Run:
         draws: Draws | None,
     ) -> None:
         """The report; `first` is the clip's first frame, unrefined."""
-        from physgen.report.films import embedded_film, linked_film
+        from physgen.report.films import linked_film
         from physgen.report.page import PageParts, report_page
         from physgen.scene.write import scene_text
 
@@ -464,10 +456,7 @@ class _Run:
         world, shot = film.compiled.world, film.shot(trajectory)
         name = "video" if record.frames else "unrefined"
         made = [kind.named(name) for kind in kinds if record.frames or kind is kinds[0]]
-        if self.options.single_file:
-            shown = embedded_film(folder, made, scene.name)
-        else:
-            shown = linked_film(folder, made)
+        shown = linked_film(made)
         if scene.render.overlay or not shot.opens_on_photo:  # the page draws on the photo itself
             first = next(render(film.stage, trajectory)).rgb
         section = None if draws is None else draws.section(world, first)

@@ -68,13 +68,6 @@ function makeClock(clip, changed) {
   return clock;
 }
 
-// A film that the page carries -> the address of a file: browsers go to and fro in that, and can save it.
-function unpacked(source) {
-  const [head, text] = source.split(",");
-  const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
-  return URL.createObjectURL(new Blob([bytes], { type: head.slice(5, head.indexOf(";")) }));
-}
-
 // A folder of frames beside the player: the one of its time, as fast as they can be read.
 function followFrames(image, folder, clip, clock) {
   let shown = 0, wanted = 0;

@@ -25,12 +25,12 @@ function start(root, physics, data) {
   }
 
   const clock = makeClock(clip, (change) => { follow(change); show(change); });
-  const film = $("film"), frames = film && film.dataset.frames, held = film && film.src.startsWith("data:");
+  const film = $("film"), frames = film && film.dataset.frames;
   if (video) {
     video.removeAttribute("controls");
     video.addEventListener("click", clock.toggle);
     video.addEventListener("error", missing);
-    if (!held && video.error) missing();
+    if (video.error) missing();
     const driver = followVideo(video, clip, clock, () => root.dataset.view !== "preview");
     clock.driver = driver;
     follow = driver.follow;
@@ -38,12 +38,6 @@ function start(root, physics, data) {
   } else if (frames) {
     film.addEventListener("click", clock.toggle);
     follow = followFrames(film, frames, clip, clock);
-  }
-  if (held) {
-    const file = unpacked(film.src);
-    if (video) video.src = file;
-    $("save").href = file;
-    $("save").hidden = false;
   }
   function missing() {
     video.hidden = true;
