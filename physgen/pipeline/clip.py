@@ -280,7 +280,7 @@ class _Run:
         """The folder, complete. Raises InputError."""
         from physgen.report.folders import atomic_folder
 
-        options, record, film = self.options, self.record, self.film
+        record, film = self.record, self.film
         faults: Sequence[Problem] = ()
         footage = trajectory = None
         if self.scene.refine.backend != "none":

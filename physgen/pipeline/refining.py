@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from physgen.pipeline.footage import U8, Add, Footage, footage
 from physgen.pipeline.stages import Film
 from physgen.problems import InputError, Problem
@@ -21,9 +23,25 @@ if TYPE_CHECKING:
     from physgen.render.stage import Frame
     from physgen.report.perception import Comparison
     from physgen.report.record import RunRecord
-    from physgen.report.refinement import MostChanged
     from physgen.scene.scene import Scene
     from physgen.simulate.trajectory import Trajectory
+
+
+class MostChanged:
+    """The frame that refinement changed most, of frames as they come."""
+
+    def __init__(self) -> None:
+        self.index = 0
+        self.refined: U8 = np.zeros((0, 0, 3), np.uint8)
+        """(H, W, 3) sRGB: that frame after refinement."""
+        self._seen, self._largest = 0, -1.0
+
+    def add(self, guidance: U8, refined: U8) -> None:
+        """The next frame, (H, W, 3) sRGB, before and after."""
+        change = float(np.abs(np.subtract(refined, guidance, dtype=np.int16)).mean())
+        if change > self._largest:
+            self._largest, self.index, self.refined = change, self._seen, refined.copy()
+        self._seen += 1
 
 
 class Refiners:
@@ -109,7 +127,6 @@ def refine_footage(film: Film, kept: Footage, refiners: Refiners, files: VideoFi
     """Write the clip unrefined and, in all formats, refined."""
     from physgen.refine.fusion import Refinement, backend_errors
     from physgen.report.perception import compared
-    from physgen.report.refinement import MostChanged
 
     scene, trajectory, record = film.scene, kept.trajectory, files.record
     order, count = film.shot(trajectory).order, len(kept.rgb)

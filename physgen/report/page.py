@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import platform
 import shlex
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -29,10 +30,12 @@ from physgen.report.parameters import (
 )
 from physgen.report.perception import Comparison, Perception
 from physgen.report.player import Data
-from physgen.report.record import RunRecord, versions
-from physgen.report.refinement import refinement
+from physgen.report.record import REFINING, RunRecord, versions
 from physgen.scene.scene import Play, Render, Scene, View
 from physgen.text import rounded, value_text
+
+ELSEWHERE = {"failed", *REFINING}
+"""Keys of `RunRecord.refine` that are shown elsewhere."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +90,7 @@ def report_page(
         fps=scene.render.fps,
         duration=world.duration,
         film=film,
-        refined=refinement(record.refine),
+        refined=_refinement(record.refine),
         photo=jpeg(first, LIMITS.photo_quality),
         view_box=f"-0.5 -0.5 {width} {height}",
         walls=[
@@ -241,3 +244,16 @@ def provenance(record: RunRecord, resolved: str, written: str | None = None) -> 
 
 def _source_text(title: str, text: str) -> SourceText:
     return SourceText(title, text, text.count("\n") + (not text.endswith("\n")))
+
+
+def _refinement(note: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    """`RunRecord.refine` for the page: `failed`, lines of a message; `facts`, names and values of the settings."""
+    if note is None:
+        return None
+    rows = [
+        (name.replace("_", " "), value_text(value)) for name, value in note.items() if name not in ELSEWHERE
+    ]
+    return {
+        "failed": str(note.get("failed", "")).splitlines(),
+        "facts": [(name, value) for name, value in rows if value],
+    }

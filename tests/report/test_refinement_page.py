@@ -8,11 +8,11 @@ import numpy as np
 from written import loaded
 
 from physgen import pipeline
+from physgen.pipeline.refining import MostChanged
 from physgen.report.films import Film
 from physgen.report.page import PageParts, report_page
 from physgen.report.perception import Comparison, compared
 from physgen.report.record import RunRecord
-from physgen.report.refinement import MostChanged
 
 SCENE = """\
 physgen: 1
