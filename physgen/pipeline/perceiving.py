@@ -128,7 +128,8 @@ def _pushed(perceived: PerceivedScene) -> PerceivedScene:
     document = perceived.document
     height, width = perceived.percepts.labels.shape
     kept = ("shape", "solid", "mass", "friction", "elasticity", "rolling", "motion")
-    bare = {key: document[key] for key in ("physgen", "world", "boundaries", "render")} | {
+    heads = ("physgen", "world", "boundaries", "render")
+    bare = {key: document[key] for key in heads if key in document} | {
         "size": [width, height],
         "objects": {
             name: {key: item[key] for key in kept if key in item}
