@@ -65,6 +65,8 @@ class _Refill:
     # of the photo's longer side: how far into a hole from a removed shadow it is filled again
     fade: float = 0.03
     visible: int = 3  # grey levels: a smaller change is no shadow
+    # times the light before: a fill that is brighter brings another surface, no lit one
+    brighter: float = 12.0
 
 
 TUNING, REFILL = _Tuning(), _Refill()
@@ -289,6 +291,8 @@ def refill_background(removed: Rgb, background: Rgb, coverage: F32, inpaint: Inp
     if not new.any():
         return old
     filled = inpaint(old, new > 0)
+    other = luminance(decode(filled)) > REFILL.brighter * (luminance(decode(background)) + 1e-3)
+    new = new * (1 - blur_wide(widened(other.astype(np.uint8), REFILL.near).astype(np.float32), 2.0, 2.0))
     return np.asarray(np.rint(new[..., None] * filled + (1 - new[..., None]) * old), np.uint8)
 
 

@@ -1,8 +1,4 @@
-"""Video diffusion models, one file each; what each takes and gives is `refine.denoiser.Denoiser`.
-
-`sampling` loads pipelines and takes steps. A model's own file knows its layout of latents, its
-text, its schedule and its memory.
-"""
+"""Video diffusion models, one file each, with its latents, text, schedule and memory; `sampling` loads and runs it."""
 
 from __future__ import annotations
 
