@@ -27,13 +27,13 @@ def main() -> int:
 
 def _end(code: int) -> int:
     """Ends the process at once where nothing runs or waits to be written: taking modules apart is 4 % of a clip."""
-    if sum(not thread.daemon for thread in threading.enumerate()) > 1:
+    if sum(not thread.daemon for thread in threading.enumerate()) > 1 or sys.getprofile():
         return code
     atexit._run_exitfuncs()
     try:
         sys.stdout.flush()
         sys.stderr.flush()
-    except (OSError, ValueError):  # Python's own end reports it
+    except (AttributeError, OSError, ValueError):  # closed, or full: Python's own end reports it
         return code
     os._exit(code)
 

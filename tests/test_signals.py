@@ -48,3 +48,8 @@ def test_other_exceptions_are_reported_as_before() -> None:
     assert run.returncode == 1
     assert "ValueError: odd" in run.stderr
     assert run.stderr.endswith("no exception arrived\n")
+
+
+def test_a_command_ends_well_without_stderr() -> None:
+    command = f"{sys.executable} -m physgen backends 2>&- >/dev/null"
+    assert subprocess.run(["sh", "-c", command], check=False).returncode == 0

@@ -287,3 +287,5 @@ def _check_output(out: Path, roots: Sequence[Path]) -> None:
             raise InputError.of(str(out), "", f"{place} {root}, which is read", fix)
     if out.exists() and any(out.iterdir()):
         raise InputError.of(str(out), "", "is not empty", "choose another folder with -o, or remove it")
+    if out.is_mount() or out.resolve() == Path.cwd():
+        raise InputError.of(str(out), "", "cannot be replaced", "name a new folder in it with -o")

@@ -13,6 +13,7 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from hashlib import sha256
@@ -253,15 +254,14 @@ def table_row(sweep: Sweep, point: Point, done: Done) -> dict[str, Cell]:
 
 
 def keep_other_table(table: Path, made: Path, keep: Callable[[Path], None]) -> None:
-    """A `table` of other clips than those of the one just `made`, or any other file there, is kept as `NAME~`."""
+    """A `table` of other clips or columns than the one just `made`, or any other file there, is kept as `NAME~`."""
     if table.is_file() and _names(table) != _names(made):
         back_up(table, keep)
 
 
-def _names(table: Path) -> str:
-    """Hash of the names of a table's clips."""
-    digest = sha256()
-    with table.open(encoding="utf-8", errors="replace", newline="") as text:
-        for row in csv.DictReader(text):
-            digest.update(f"{row.get('name')}\n".encode())
-    return digest.hexdigest()
+def _names(table: Path) -> list[str | None]:
+    """The columns of a table and the names of its clips; nothing where it is none."""
+    with table.open(encoding="utf-8", errors="replace", newline="") as text, suppress(csv.Error):
+        rows = csv.DictReader(text)
+        return [*(rows.fieldnames or ()), *(row.get("name") for row in rows)]
+    return []

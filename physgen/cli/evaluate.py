@@ -25,8 +25,7 @@ from physgen.problems import InputError, Problem
 if TYPE_CHECKING:
     from physgen.evaluate.measure import Findings
 
-MAILED = 50.0
-"""MB of a page that most mailboxes take."""
+MAILED = 50.0  # MB of a page that most mailboxes take
 REFERENCE = "reference"
 """The other side of fid."""
 

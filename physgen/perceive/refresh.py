@@ -234,7 +234,7 @@ def rescaled(
             part[key] = part = {**part.get(key, {})}
         part[path[-1]] = value
     wrote: dict[str, dict[str, Any]] = {"": {"given": True} if scale_is_given(old, record, side) else {}}
-    if record.scale and "duration" in record.world:
+    if record.scale and isinstance(record.world.get("duration"), int | float):
         pace = sqrt(record.scale / stated_scale(new))
         wrote[""]["duration"] = float(f"{pace * record.world['duration']:.2g}")
     for name, was in old["objects"].items():

@@ -182,13 +182,16 @@ def refusal(capsys, *command: str) -> str:
     return capsys.readouterr().err
 
 
-def test_what_cannot_be_is_refused_in_one_line(made: Path, tmp_path: Path, capsys) -> None:
+def test_what_cannot_be_is_refused_in_one_line(made: Path, tmp_path: Path, capsys, monkeypatch) -> None:
     full, data, empty = tmp_path / "full", tmp_path / "data", tmp_path / "empty"
     full.mkdir()
     empty.mkdir()
     (full / "letter.txt").write_text("mine")
     few = str(made / "few")
     assert f"{full}: is not empty" in refusal(capsys, few, "-o", str(full))
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    assert "cannot be replaced" in refusal(capsys, few, "-o", ".")
     assert (full / "letter.txt").read_text() == "mine"
     assert "holds no clip that can be used" in refusal(capsys, str(empty), "-o", str(data))
     assert not data.exists()

@@ -65,8 +65,7 @@ class _Refill:
     # of the photo's longer side: how far into a hole from a removed shadow it is filled again
     fade: float = 0.03
     visible: int = 3  # grey levels: a smaller change is no shadow
-    # times the light before: a fill that is brighter brings another surface, no lit one
-    brighter: float = 12.0
+    brighter: float = 12.0  # times the light before: a fill beyond that is another surface, no lit one
 
 
 TUNING, REFILL = _Tuning(), _Refill()
