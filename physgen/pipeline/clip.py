@@ -223,9 +223,8 @@ def render_scene(
     run = _Run(path, Path(out), options, stages or Stages(Keep.NOTHING), progress, warn)
     try:
         return run.made(refiners or Refiners())
-    except Exception:
+    finally:
         run.aside.join()
-        raise
 
 
 class _Run:

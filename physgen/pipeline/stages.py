@@ -396,7 +396,7 @@ class Aside:
             self._record.stages.setdefault(stage, StageTime()).cpu += time.thread_time()
             done.set_result(found)
 
-        self._threads.append(Thread(target=run, name=stage, daemon=True))  # Ctrl-C waits for none
+        self._threads.append(Thread(target=run, name=stage, daemon=True))  # a second Ctrl-C waits for none
         self._threads[-1].start()
         return done.result
 
