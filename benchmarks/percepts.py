@@ -245,7 +245,9 @@ def background(photo: Photo, perceived: PerceivedScene) -> dict:
 
     true, said = read_image(assets / "background.png"), maps.background
     clean = maps.background if maps.clean is None else maps.clean
-    decibels = {"psnr": psnr(true, said), "psnr_clean": psnr(read_image(assets / "clean.png"), clean)}
+    bare = read_image(assets / "clean.png")
+    filled = registry.make("inpaint")(bare, hole)
+    decibels = {"psnr": psnr(true, said), "psnr_clean": psnr(bare, clean), "psnr_fill": psnr(bare, filled)}
     true, said = true.astype(np.float32), said.astype(np.float32)
     fine = [((p - cv2.GaussianBlur(p, (0, 0), FINE)) ** 2).mean(-1) for p in (true, said)]
     wide = cv2.dilate(hole.astype(np.uint8), np.ones((31, 31), np.uint8)) > 0

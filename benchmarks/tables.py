@@ -321,6 +321,7 @@ def _percepts(rows: list[dict]) -> list[str]:
         ("shadows, IoU", lambda part: mean(part, "shadow", 2)),
         ("background behind removed objects, PSNR in dB", lambda part: mean(part, "psnr", 1)),
         ("background without shadows, PSNR in dB", lambda part: mean(part, "psnr_clean", 1)),
+        ("the same, where nothing threw shadows", lambda part: mean(part, "psnr_fill", 1)),
     )
     known = {half: part for half, part in halves.items() if part}
     return [

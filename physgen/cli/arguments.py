@@ -76,7 +76,10 @@ class Parser(argparse.ArgumentParser):
         if not unknown:
             return options
         command = self.commands.get(getattr(options, "command", ""), self)
-        command.error("; ".join(command.unknown(text) for text in unknown))
+        flags = [
+            text for text in unknown if text.startswith("-")
+        ]  # what follows an unknown flag is its value
+        command.error("; ".join(command.unknown(text) for text in flags or unknown))
 
     def unknown(self, text: str) -> str:
         """The message for an argument that was left over."""

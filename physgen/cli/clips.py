@@ -229,6 +229,8 @@ def make_all(
 
     out = Path(options.output)
     index = out / INDEX
+    if count == 0 and options.part:
+        print_error("this part has no clip: there are fewer clips than parts")
     gallery = gallery and (count > 1 or index.exists())
     if gallery and count <= GALLERY_CLIPS:
         jobs = (replace(job, pictures=True) for job in jobs)

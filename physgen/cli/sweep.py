@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from physgen.batch.sweep import Point, Sweep
 
 
+TABLE = "sweep.csv"
 MOST_TRACKED = 32
 """Objects with seven columns of outcomes each, at most, unless they are named."""
 
@@ -52,7 +53,7 @@ def _listed(plan: Sweep, options: argparse.Namespace) -> int:
     rows = csv.writer(sys.stdout, lineterminator="\n")
     if not options.json:
         rows.writerow(["number", "name", "variant", *(axis.key for axis in plan.axes)])
-    for point in plan:
+    for point in map(plan.__getitem__, range(len(plan))[options.part or slice(None)]):
         if options.json:
             row = {"number": point.number, "name": point.name, "variant": point.variant}
             print_line(json.dumps({**row, "set": point.overrides}, ensure_ascii=False))
@@ -77,6 +78,10 @@ def _made(plan: Sweep, objects: tuple[str, ...], options: argparse.Namespace) ->
     out = Path(options.output)
     if out.exists() and not out.is_dir():
         raise InputError.of("-o", f'"{out}"', "is a file", "name a folder")
+    if (out / TABLE).is_dir():
+        raise InputError.of(
+            "-o", f'"{out}"', f"holds a folder {TABLE}, where the table would go", "name another"
+        )
     out.mkdir(parents=True, exist_ok=True)
     running: deque[Point] = deque()  # jobs end in the order in which they begin
     numbers = range(len(plan))[options.part or slice(None)]
@@ -91,7 +96,7 @@ def _made(plan: Sweep, objects: tuple[str, ...], options: argparse.Namespace) ->
 
     if options.part:  # the table is written by the run that finds all clips
         return make_all(jobs(), len(numbers), options, gallery=False)
-    with Table(out / "sweep.csv", table) as rows:
+    with Table(out / TABLE, table) as rows:
 
         def finish() -> Sequence[str]:
             if rows.count < len(plan):

@@ -27,7 +27,7 @@ def off(filled: NDArray[np.uint8], truth: NDArray[np.uint8], hole: NDArray[np.bo
 
 @pytest.mark.parametrize("slope", [-0.2, 0.2])
 def test_an_edge_goes_on_behind_a_plank_that_lies_nearly_along_it(slope: float) -> None:
-    """The edge leaves the hole so flat that only what goes straight through finds it."""
+    """The edge leaves the hole so flat that it is hardly seen beside it."""
     truth = table()
     y, x = np.mgrid[:SIZE, :SIZE]
     hole = (abs(y - EDGE - slope * (x - 34)) < 12) & (x > 22) & (x < 135)

@@ -117,13 +117,10 @@ def _remove_ambient(
 class _Picture:
     """The photo at a coarse scale."""
 
-    dark: F32
-    """(h, w): by how much the logarithm of light stays below that of the surroundings."""
-    weight: F32
-    """(h, w)."""
+    dark: F32  # (h, w): by how much the logarithm of light stays below that of the surroundings
+    weight: F32  # (h, w)
     silhouettes: Sequence[Silhouette]
-    size: float
-    """px of a typical object."""
+    size: float  # px of a typical object
 
     def score(self, setting: ShadowSetting) -> tuple[float, float]:
         """Correlation of predicted and seen darkness, and the factor from one to the other."""

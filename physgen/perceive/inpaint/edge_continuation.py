@@ -2,8 +2,8 @@
 
 Where an edge enters the hole, its direction and the colours on both its sides are measured. Two that would meet by a
 gentle bend, with the same colours, are one edge (the least bending energy of a cubic, as in Masnou and Morel 1998,
-Level lines based disocclusion). An unmatched edge goes straight on: out of the hole again where the same edge is seen
-to leave it (a table's edge behind a plank), to a corner with another one, or to the first line it meets.
+Level lines based disocclusion). An unmatched edge goes straight on to a corner with another one, or to the first line
+that it meets.
 """
 
 from __future__ import annotations
@@ -38,11 +38,7 @@ class _Matching:
     similar: float = 25.0  # by which the more similar side of an edge may differ from end to end
     max_doubt: float = 0.75  # that two ends belong to one edge: colours, turns that are no arc's, long bends
     bulge: float = 0.1  # bending from which an edge that only runs along the hole's border is not drawn
-    drift: float = 0.06  # share of its length by which a straight edge may miss: its direction is not exact
-    fainter: float = 0.5  # of its contrast where it enters, the least where it leaves
     corner_sine: float = 0.5  # of the angle between two edges from which they make a corner
-    # px beyond the hole where an edge that leaves it is looked for
-    beyond: tuple[int, ...] = (8, 14, 20, 30, 40)
 
     def similar_sides(self, near: float, contrasts: float) -> bool:
         """Whether the more similar side, off by `near`, may be the same; `contrasts` of both ends together."""
@@ -56,30 +52,22 @@ MATCHING = _Matching()
 class BorderEnd:
     """Where an edge enters a hole."""
 
-    order: int
-    """Place along the contour."""
-    at: F64
-    """x, y."""
-    towards: F64
-    """Unit vector into the hole."""
-    left: F64
-    """Mean colour to the left of `towards` (y down: the side of (ty, -tx))."""
+    order: int  # Place along the contour
+    at: F64  # x, y
+    towards: F64  # Unit vector into the hole
+    left: F64  # Mean colour to the left of `towards` (y down: the side of (ty, -tx))
     right: F64
     contrast: float
-    profile: F64
-    """(2 STRIP + 1, 3): colours across it, from left to right; NaN where hidden."""
+    profile: F64  # (2 STRIP + 1, 3): colours across it, from left to right; NaN where hidden
 
 
 @dataclass(frozen=True)
 class BorderLine:
     """An edge in the hole."""
 
-    points: F64
-    """(n, 2): x, y, at most 1 px apart."""
-    first: F64
-    """(2 STRIP + 1, 3): colours across its first point, from left to right."""
-    last: F64
-    """The same at its last point."""
+    points: F64  # (n, 2): x, y, at most 1 px apart
+    first: F64  # (2 STRIP + 1, 3): colours across its first point, from left to right
+    last: F64  # The same at its last point
 
 
 @dataclass(frozen=True)
@@ -113,7 +101,7 @@ def continue_edges(picture: F32, hole: Mask) -> tuple[F32, Mask]:
     count, ids = cv2.connectedComponents(hole.astype(np.uint8), connectivity=8)
     for k in range(1, count):
         piece = ids == k
-        for line in _lines(list(border_ends(known, piece)), piece, known):
+        for line in _lines(list(border_ends(known, piece)), piece):
             _paint_strip(result, where, piece, line)
     inner = slice(PAD, PAD + height), slice(PAD, PAD + width)
     return result[inner], where[inner]
@@ -193,17 +181,12 @@ def border_profile(picture: F32, blocked: Mask, at: F64, towards: F64) -> F64:
     return np.where(weight > 0, mean, np.nan)
 
 
-def _lines(ends: list[BorderEnd], piece: Mask, known: KnownSurroundings) -> Iterator[BorderLine]:
+def _lines(ends: list[BorderEnd], piece: Mask) -> Iterator[BorderLine]:
     """Ends joined in pairs, best first; then the unmatched ones."""
     drawn = np.zeros(piece.shape, bool)
     joined: set[int] = set()
     yield from _pairs(ends, piece, drawn, joined)
     alone = [e for k, e in enumerate(ends) if k not in joined and e.contrast > MATCHING.unmatched_contrast]
-    for end in sorted(alone, key=lambda end: -end.contrast):
-        if (passing := straight_through(end, known, piece, drawn)) is not None:
-            alone = [other for other in alone if other is not end]
-            _draw(drawn, passing.points)
-            yield passing
     # an edge that ends at another's T comes second; what is left may be a corner
     for last in (False, False, True):
         met = [(end, path) for end in alone if (path := straight_to_line(end, piece, drawn)) is not None]
@@ -251,43 +234,6 @@ def _pairs(ends: list[BorderEnd], piece: Mask, drawn: Mask, joined: set[int]) ->
             continue
         _draw(drawn, line.points)
         yield line
-
-
-def straight_through(end: BorderEnd, known: KnownSurroundings, piece: Mask, drawn: Mask) -> BorderLine | None:
-    """Straight on to the other side of a hole, where the same edge is seen to leave it; None where it is not."""
-    points, inside = straight_path(end.at, end.towards, piece)
-    stretch = np.flatnonzero(inside)
-    x, y = np.round(points).astype(int).T
-    if not len(stretch) or drawn[y, x][stretch].any():
-        return None
-    best, result = MATCHING.max_doubt, None
-    for beyond in MATCHING.beyond:
-        leave = points[stretch[-1]] + beyond * end.towards
-        length = float(np.hypot(*(leave - end.at)))
-        reach = int(max(4, MATCHING.drift * length))
-        for shift in range(-reach, reach + 1):
-            at = leave + shift * np.array([-end.towards[1], end.towards[0]])
-            seen = border_profile(known.picture, known.blocked, at, (at - end.at) / np.hypot(*(at - end.at)))
-            doubt = _doubt_of_profile(end, seen)
-            if doubt < best:
-                best, result = doubt, BorderLine(line_points(end.at, at), end.profile, seen)
-        if result is not None:
-            return result
-    return None
-
-
-def _doubt_of_profile(end: BorderEnd, seen: F64) -> float:
-    """Doubt that the profile `seen` (2 STRIP + 1, 3) is of the edge that entered at `end`; inf: it is not."""
-    left, right = seen[STRIP - SIDE : STRIP - 1], seen[STRIP + 2 : STRIP + SIDE + 1]
-    if np.isnan(left[:, 0]).sum() > 2 or np.isnan(right[:, 0]).sum() > 2:
-        return np.inf
-    sides = np.nanmean(left, axis=0), np.nanmean(right, axis=0)
-    off = float(np.linalg.norm(sides[0] - end.left)), float(np.linalg.norm(sides[1] - end.right))
-    contrast = float(np.linalg.norm(sides[0] - sides[1]))
-    both = contrast + end.contrast
-    if min(off) > max(MATCHING.similar, 0.17 * both) or contrast < MATCHING.fainter * end.contrast:
-        return np.inf
-    return (1.5 * min(off) + 0.5 * max(off)) / both
 
 
 def corner_pairs(

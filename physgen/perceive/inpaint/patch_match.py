@@ -3,14 +3,16 @@
 Every patch that reaches into the hole looks for the known patch most like it, and all that overlap vote on the colour;
 both are repeated, from coarse to fine (Wexler et al. 2007, Space-time completion of video). Coarse scales compare
 every patch with every other; finer ones try the neighbours' places (Barnes et al. 2009, PatchMatch). The coarsest scale
-starts from a harmonic fill between the continued edges. Comparisons are sums of whole numbers below 2^24, so that
-their order, and the machine, changes nothing.
+starts from several guesses: rows carried on level, and continued edges with a harmonic fill between them, kept or not.
+For each piece of the hole, the one goes on whose patches are most like known ones. Comparisons are sums of whole
+numbers below 2^24, so that their order, and the machine, changes nothing.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -18,7 +20,7 @@ from numpy.typing import NDArray
 
 from physgen.maps import F32
 from physgen.perceive.inpaint.edge_continuation import continue_edges
-from physgen.perceive.inpaint.poisson import harmonic_fill
+from physgen.perceive.inpaint.poisson import harmonic_fill, nearest_piece, seams
 from physgen.perceive.roles import Mask
 
 Places = NDArray[np.int64]
@@ -35,8 +37,10 @@ class _Tuning:
     max_first_pairs: int = 20_000_000
     chunk: int = 1_000_000  # pairs that are held in memory
     loose: int = 1  # scales above this one keep the continued edges
+    chosen: int = 2  # scale at which the best of several fills is chosen
+    seam: float = 3.0  # weight of seams, where fills are compared
     # of search and vote: finest scale (a vote alone), the two above, others
-    rounds: tuple[int, ...] = (1, 1, 3, 6)
+    rounds: tuple[int, ...] = (1, 1, 3, 3)
     trust: float = 1.3  # a px deeper in the hole is this many times less trusted
     # squared levels a pixel (of 128) for borrowing from as far as the picture is wide
     distance_cost: float = 60.0
@@ -58,45 +62,96 @@ RADIUS = TUNING.radius
 class Level:
     """The picture at one scale."""
 
-    picture: F32
-    """(H, W, 3); arbitrary in the hole."""
-    hole: Mask
-    """(H, W)."""
-    drawn: Mask
-    """(H, W): where, in the hole, the picture holds a continued edge."""
+    picture: F32  # (H, W, 3); arbitrary in the hole
+    hole: Mask  # (H, W)
+    drawn: Mask  # (H, W): where, in the hole, the picture holds a continued edge
+
+
+class _Fill(NamedTuple):
+    """A fill at one scale."""
+
+    guess: F32  # (H, W, 3)
+    # (H, W, 2): where the patch comes from whose centre is the pixel; None before the first search
+    field: NDArray[np.int64] | None
+    alike: F32  # (H, W) 0..1: how like that patch is
+    cost: F32  # one for each patch that reaches into the hole
 
 
 def patch_match_fill(picture: F32, hole: Mask) -> F32:
     """`(H, W, 3)` float32 with `hole` (H, W) filled from the rest of the picture; the rest is unchanged."""
-    start, strips = continue_edges(picture, hole)
-    levels = list(image_pyramid(picture, hole, start, strips))
-    if not hole.any() or not levels:
-        return harmonic_fill(picture, hole)
-    last = levels[-1]
-    if not patch_centres(last.hole, RADIUS).any():  # nowhere a whole patch is left to borrow from
-        return harmonic_fill(picture, hole)
-    guess = harmonic_fill(last.picture, last.hole & ~last.drawn)
-    field: NDArray[np.int64] | None = None
-    like: F32 = np.ones(last.hole.shape, np.float32)
-    for k in range(len(levels) - 1, -1, -1):
-        level = levels[k]
-        h, w = level.hole.shape
-        if field is not None:
-            larger = cv2.resize(guess, (w, h), interpolation=cv2.INTER_LINEAR)
-            kept = level.hole & ~(level.drawn & (k > TUNING.loose))
-            guess = np.where(kept[:, :, None], larger, level.picture)
-            field = _doubled(field, (h, w))
-            like = np.asarray(cv2.resize(like, (w, h), interpolation=cv2.INTER_LINEAR), np.float32)
-        search = _Search(level, RADIUS if k else 2)
-        for _ in range(TUNING.rounds[min(k, 3)]):
-            field, cost = search.nearest(guess, field) if k or field is None else search.snapped(field)
-            if k or field is None:
-                like[search.at[:, 0], search.at[:, 1]] = np.exp(-((cost / TUNING.unlike) ** 2))
-            guess = search.vote(level.picture, guess, field, (cost, like), search.radius if k else 1)
-            if k > TUNING.loose:
-                guess = np.where(level.drawn[:, :, None], level.picture, guess)
-    assert field is not None
-    return add_grain(guess, levels[0].picture, levels[0].hole, field)
+    levels = list(image_pyramid(picture, hole, *continue_edges(picture, hole)))
+    if not hole.any() or not levels or not patch_centres(levels[-1].hole, RADIUS).any():
+        return harmonic_fill(picture, hole)  # nowhere a whole patch is left to borrow from
+    top = len(levels) - 1
+    last, chosen = levels[-1], min(TUNING.chosen, top)
+    shared = {k: _Search(levels[k], RADIUS if k else 2) for k in range(chosen, top + 1)}
+
+    def refined(fill: _Fill, first: int, end: int, keep: bool) -> _Fill:
+        for k in range(first, end - 1, -1):
+            search = shared.get(k) or _Search(levels[k], RADIUS if k else 2)
+            fill = _refined(fill, search, k, keep and k > TUNING.loose)
+        return fill
+
+    def started(start: F32, keep: bool) -> _Fill:
+        none = _Fill(start, None, np.ones(last.hole.shape, np.float32), np.zeros(0, np.float32))
+        return refined(none, top, chosen, keep)
+
+    edges = harmonic_fill(last.picture, last.hole & ~last.drawn)
+    fills = [started(level_fill(last.picture, last.hole), keep=False), started(edges, keep=False)]
+    if last.drawn.any():
+        fills.insert(0, started(edges, keep=True))
+    best = refined(_best_pieces(fills, shared[chosen]), chosen - 1, 0, keep=False)
+    assert best.field is not None
+    return add_grain(best.guess, levels[0].picture, levels[0].hole, best.field)
+
+
+def _refined(fill: _Fill, search: _Search, k: int, keep: bool) -> _Fill:
+    """`fill` at scale k, searched and voted on; `keep`: continued edges stay as they were drawn."""
+    level = search.level
+    guess, field, alike, cost = fill
+    h, w = level.hole.shape
+    if field is not None:
+        larger = cv2.resize(guess, (w, h), interpolation=cv2.INTER_LINEAR)
+        guess = np.where((level.hole & ~(level.drawn & keep))[:, :, None], larger, level.picture)
+        field = _doubled(field, (h, w))
+        alike = np.asarray(cv2.resize(alike, (w, h), interpolation=cv2.INTER_LINEAR), np.float32)
+    for _ in range(TUNING.rounds[min(k, 3)]):
+        if k or field is None:
+            field, cost = search.nearest(guess, field)
+            alike[search.at[:, 0], search.at[:, 1]] = np.exp(-((cost / TUNING.unlike) ** 2))
+        else:
+            field, cost = search.snapped(field)
+        guess = search.vote(level.picture, guess, field, (cost, alike), search.radius if k else 1)
+        if keep:
+            guess = np.where(level.drawn[:, :, None], level.picture, guess)
+    return _Fill(guess, field, alike, cost)
+
+
+def _best_pieces(fills: list[_Fill], search: _Search) -> _Fill:
+    """Of each piece of the hole, the fill whose patches are most like known ones."""
+    level = search.level
+    pieces = nearest_piece(level.hole)
+    at, weight = pieces[search.at[:, 0], search.at[:, 1]], search.trust[search.at[:, 0], search.at[:, 1]]
+    count = np.maximum(np.bincount(at, weight), 1e-9)
+    unlike = []
+    for fill in fills:
+        cost = np.bincount(at, weight * np.sqrt(np.maximum(fill.cost, 0))) / count
+        unlike.append(cost + TUNING.seam * seams(fill.guess, level.picture, level.hole, pieces))
+    at_best = np.argmin(unlike, axis=0)[pieces], *np.indices(pieces.shape)
+    guess, alike, field = (
+        np.stack([getattr(fill, name) for fill in fills])[at_best] for name in ("guess", "alike", "field")
+    )
+    return _Fill(guess, field, alike, fills[0].cost)
+
+
+def level_fill(picture: F32, hole: Mask) -> F32:
+    """`picture` (H, W, 3), rows of `hole` (H, W) interpolated between their ends: a floor's edge goes on level."""
+    filled = harmonic_fill(picture, hole)
+    for y in np.flatnonzero(hole.any(1) & ~hole.all(1)):
+        inside, known = np.flatnonzero(hole[y]), np.flatnonzero(~hole[y])
+        for c in range(3):
+            filled[y, inside, c] = np.interp(inside, known, picture[y, known, c])
+    return np.where(hole[:, :, None], cv2.GaussianBlur(filled, (0, 0), 0.7), picture)
 
 
 def thin_out(places: Places, most: int) -> Places:

@@ -249,14 +249,11 @@ class Candidates:
 
     shape: tuple[int, int]
     proposals: Sequence[Proposal]
-    evidence: NDArray[np.float64]
-    """(n, k), see `FEATURES`."""
+    evidence: NDArray[np.float64]  # (n, k), see `FEATURES`
     edges: NDArray[np.float64]
     """(n,) 0..1: confidence of the selection by edges alone; 0 where it did not select the proposal."""
-    movable: NDArray[np.float64]
-    """(n,) 0..1: mean movability."""
-    whole: NDArray[np.bool_]
-    """(n,): the largest groups whose parts the network sees as one."""
+    movable: NDArray[np.float64]  # (n,) 0..1: mean movability
+    whole: NDArray[np.bool_]  # (n,): the largest groups whose parts the network sees as one
 
 
 def candidates(rgb: NDArray[np.uint8], seen: NetworkMaps) -> Candidates:

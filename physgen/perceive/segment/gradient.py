@@ -18,16 +18,12 @@ SCALES = (0.7, 1.5)
 class Gradient:
     """The colour gradient of a photo, in CIELAB units per px."""
 
-    strength: NDArray[np.float32]
-    """(H, W), never negative."""
-    angle: NDArray[np.float32]
-    """(H, W) rad, the direction in which colour changes fastest, modulo pi."""
+    strength: NDArray[np.float32]  # (H, W), never negative
+    angle: NDArray[np.float32]  # (H, W) rad, the direction in which colour changes fastest, modulo pi
     tensor: NDArray[np.float32]
     """(H, W, 3): strength times 1, cos 2 angle, sin 2 angle; unlike the angle, it may be interpolated."""
-    ridge: NDArray[np.bool_]
-    """(H, W): edges thinned to their crest, well above the noise."""
-    noise: float
-    """The strength that grain and smooth shading alone reach: half of the photo is below it."""
+    ridge: NDArray[np.bool_]  # (H, W): edges thinned to their crest, well above the noise
+    noise: float  # The strength that grain and smooth shading alone reach: half of the photo is below it
 
     def across(self, x: Floats, y: Floats, normal: Floats) -> NDArray[np.float32]:
         """Strength at points x, y (any shape) of edges facing along `normal` (rad, broadcasts); 0 outside."""

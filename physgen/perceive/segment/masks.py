@@ -61,10 +61,8 @@ class Cut(Proposal):
 
     noun: str
     movable: bool
-    score: float
-    """0..1, that there is such an object."""
-    fit: float
-    """0..1: the IoU of the mask that the model expects."""
+    score: float  # 0..1, that there is such an object
+    fit: float  # 0..1: the IoU of the mask that the model expects
 
     @classmethod
     def of(cls, mask: Mask, noun: str, movable: bool, score: float, fit: float) -> Cut:

@@ -36,18 +36,12 @@ outputs are averaged. Of a few pairs tried, this one finds most in the validatio
 class NetworkMaps:
     """Maps (h, w) of half the size of the largest pass."""
 
-    foreground: F32
-    """0..1: on an object."""
-    boundary: F32
-    """0..1: at the border of an object."""
-    pairs: F32
-    """(8, h, w) 0..1: the pixel and the one at OFFSETS belong to one object."""
-    normals: F32
-    """(h, w, 3) unit: +x right, +y down, +z to the viewer."""
-    shadow: F32
-    """0..1: in a cast shadow."""
-    movable: F32
-    """0..1: if on an object, on one that may be moved: no person, animal or piece of furniture."""
+    foreground: F32  # 0..1: on an object
+    boundary: F32  # 0..1: at the border of an object
+    pairs: F32  # (8, h, w) 0..1: the pixel and the one at OFFSETS belong to one object
+    normals: F32  # (h, w, 3) unit: +x right, +y down, +z to the viewer
+    shadow: F32  # 0..1: in a cast shadow
+    movable: F32  # 0..1: if on an object, on one that may be moved: no person, animal or piece of furniture
 
 
 def run_network(rgb: NDArray[np.uint8], sides: Sequence[int] = PASSES) -> NetworkMaps:

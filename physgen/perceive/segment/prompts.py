@@ -335,15 +335,12 @@ def _misfit(one: Proposal, box: Floats) -> float:
 class PhotoProposals:
     """The proposals of a photo, computed once for all points."""
 
-    rgb: Rgb
-    """(h, w, 3) at working size."""
-    colour: NDArray[np.float32]
-    """(h, w, 3) CIELAB."""
+    rgb: Rgb  # (h, w, 3) at working size
+    colour: NDArray[np.float32]  # (h, w, 3) CIELAB
     gradient: Gradient
     seen: NetworkMaps
     proposals: list[Proposal]
-    fit: Floats
-    """(n,) 0..1: the network's expected fit of each."""
+    fit: Floats  # (n,) 0..1: the network's expected fit of each
 
 
 def photo_proposals(rgb: Rgb) -> PhotoProposals:

@@ -23,10 +23,8 @@ class Proposal:
 
     x: int
     y: int
-    mask: Mask
-    """(h, w), its top-left pixel at (x, y) of the photo."""
-    area: int
-    """px."""
+    mask: Mask  # (h, w), its top-left pixel at (x, y) of the photo
+    area: int  # px
 
     @property
     def box(self) -> tuple[int, int, int, int]:
@@ -180,10 +178,8 @@ POINTS = 96
 class Scores:
     """(n,) float64 each."""
 
-    score: NDArray[np.float64]
-    """About 0.6 for a doubtful object, 1 for a perfect one."""
-    compactness: NDArray[np.float64]
-    """Isoperimetric quotient: 1 for a disc, less for longer outlines."""
+    score: NDArray[np.float64]  # About 0.6 for a doubtful object, 1 for a perfect one
+    compactness: NDArray[np.float64]  # Isoperimetric quotient: 1 for a disc, less for longer outlines
 
 
 def contour_normals(contour: NDArray[np.int32]) -> NDArray[np.float64]:

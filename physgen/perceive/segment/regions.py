@@ -165,12 +165,9 @@ class MergeTree:
 
     height: NDArray[np.float64]
     """(nodes,): the difference at which a node came about, CIELAB units; never below its children's."""
-    parent: NDArray[np.int64]
-    """(nodes,), -1 for a root."""
-    span: NDArray[np.int64]
-    """(nodes, 2): the node holds the basins of rank first..last-1."""
-    rank: NDArray[np.int64]
-    """(basins,): the place of each basin in the tree's order."""
+    parent: NDArray[np.int64]  # (nodes,), -1 for a root
+    span: NDArray[np.int64]  # (nodes, 2): the node holds the basins of rank first..last-1
+    rank: NDArray[np.int64]  # (basins,): the place of each basin in the tree's order
 
     def without(self, kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """(nodes,): all but the basins that are not `kept` (basins,)."""

@@ -72,12 +72,9 @@ class EdgeSearch:
 
     shape: tuple[int, int]
     gradient: Gradient
-    proposals: Sequence[Proposal]
-    """All of them, also larger and smaller ones than are selected from."""
-    chosen: Sequence[Proposal]
-    """The best set of them."""
-    scores: NDArray[np.float64]
-    """(n,) of the chosen ones."""
+    proposals: Sequence[Proposal]  # All of them, also larger and smaller ones than are selected from
+    chosen: Sequence[Proposal]  # The best set of them
+    scores: NDArray[np.float64]  # (n,) of the chosen ones
 
 
 def search_edges(rgb: NDArray[np.uint8]) -> EdgeSearch:

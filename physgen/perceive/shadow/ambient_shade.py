@@ -70,12 +70,9 @@ class AmbientShade:
     """Shade of soft light, in px of the photo."""
 
     setting: ShadowSetting
-    factor: float
-    """Seen over predicted depth, as a logarithm."""
-    sure: float
-    """Contrast over that of chance."""
-    missing: F32
-    """(H, W) -log of the light that the photo misses, smooth."""
+    factor: float  # Seen over predicted depth, as a logarithm
+    sure: float  # Contrast over that of chance
+    missing: F32  # (H, W) -log of the light that the photo misses, smooth
 
     @property
     def confidence(self) -> float:

@@ -65,17 +65,13 @@ TUNING = _Tuning()
 class LightGradients:
     """A photo's light at one scale, and the silhouettes that may block some of it."""
 
-    scale: float
-    """px of the photo in one of this picture."""
-    size: tuple[int, int]
-    """Width and height, px."""
-    known: F32
-    """(h, w) 1 where no object is near."""
+    scale: float  # px of the photo in one of this picture
+    size: tuple[int, int]  # Width and height, px
+    known: F32  # (h, w) 1 where no object is near
     slopes: Sequence[tuple[float, F32, F32, F32]]
     """Width of smoothing, px; (h, w) share known within it; (h, w) slopes of the logarithm of light, x and y."""
     silhouettes: Sequence[Silhouette]
-    joined: Sequence[Silhouette]
-    """The same, those that stand side by side as one."""
+    joined: Sequence[Silhouette]  # The same, those that stand side by side as one
 
     @cached_property
     def within(self) -> F32:
@@ -152,10 +148,8 @@ class LightFit:
     """A light and the surfaces that its shadows fall on, in px of the photo."""
 
     setting: ShadowSetting
-    likeness: float
-    """Correlation of predicted and seen slopes."""
-    factor: float
-    """Seen over predicted darkness, as a logarithm."""
+    likeness: float  # Correlation of predicted and seen slopes
+    factor: float  # Seen over predicted darkness, as a logarithm
     each: float = 1.0
     """The same where the shadows of objects side by side are added up."""
 
@@ -305,10 +299,8 @@ def with_direct_share(setting: ShadowSetting, share: float) -> ShadowSetting:
 class WallShadow:
     """The objects' shadows on a wall behind, in px of the photo."""
 
-    shift: tuple[float, float]
-    """From an object to its shadow, in the middle of the photo."""
-    size: float
-    """Of shadow to object, about the middle of the photo."""
+    shift: tuple[float, float]  # From an object to its shadow, in the middle of the photo
+    size: float  # Of shadow to object, about the middle of the photo
     likeness: float = 0.0
     """Correlation of slopes along the outlines."""
     factor: float = 0.0

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from physgen.geometry.shadows import PixelBox
 from physgen.maps import F32
+from physgen.perceive.inpaint.poisson import nearest_piece
 from physgen.perceive.roles import Inpaint, Labels, Mask, Rgb
 from physgen.perceive.shadow.silhouettes import DARKEST, away_from_objects
 from physgen.photometry import decode, encode_u8, luminance
@@ -47,6 +48,7 @@ class _Tuning:
     faint: float = 0.1  # depth from which a patch is dark
     part: float = 0.45  # the same, of the depth predicted close by
     most: float = 1.7  # of the depth predicted close by: darker patches are no shadows
+    other: float = 2.5  # depth from which a dark patch is of another surface: no shadow is so deep
     own: float = 0.3  # share of a dark patch that must be predicted; then all of it is removed
     astray: float = 0.15  # how far beside the prediction a shadow may lie; half as far above and below
     rim: float = 3.0  # px in from its border over which a dark patch is believed as it is seen
@@ -62,10 +64,10 @@ class _Refill:
     gap: int = 6  # px: half the width of gaps between objects that are too dark to show anything
     near: int = 8  # px from an object within which shadows have entered the first fill
     deep: float = 0.45  # share of its light below which, near an object, nothing is seen in a shadow
-    # of the photo's longer side: how far into a hole from a removed shadow it is filled again
-    fade: float = 0.03
+    # a fill that is so many times brighter in so large a share of a piece is another surface, no lit one
+    brighter: float = 12.0
+    share: float = 0.3
     visible: int = 3  # grey levels: a smaller change is no shadow
-    brighter: float = 12.0  # times the light before: a fill beyond that is another surface, no lit one
 
 
 TUNING, REFILL = _Tuning(), _Refill()
@@ -215,7 +217,10 @@ class _Removal:
         seen = missing + inside * (even + _above_noise(missing - even, quiet, TUNING.loud) - missing)
         belongs = blur_wide(cv2.dilate(patch, np.ones((5, 5), np.uint8)).astype(np.float32), 1.0, 1.0) * free
         dark = belongs * seen + (1 - belongs) * dark
-        window = np.maximum(self._reach(), belongs)
+        other = cv2.dilate(
+            ((missing > TUNING.other) & (free > 0)).astype(np.uint8), np.ones((5, 5), np.uint8)
+        )
+        window = np.maximum(self._reach(), belongs) * (1 - blur_wide(other.astype(np.float32), 1.0, 1.0))
         dark = np.clip(dark, 0, TUNING.most * expected + TUNING.faint) * window
         return np.asarray(dark, np.float32), clean
 
@@ -269,8 +274,8 @@ def _tint(linear: F32, clean: F32, gone: F32, free: F32) -> F32:
 def refill_background(removed: Rgb, background: Rgb, coverage: F32, inpaint: Inpaint) -> Rgb:
     """The background with what lies behind and between objects filled again, from surroundings without shadows.
 
-    Only close to where a shadow was removed: the first fill was as good elsewhere, from a smaller hole. So the rest
-    stays, and the new fill meets it.
+    Only where a shadow was removed beside it, and the new fill suits its surroundings: the first fill is from a smaller
+    hole.
     """
 
     def widened(mask: NDArray[np.uint8], by: int) -> NDArray[np.uint8]:
@@ -283,16 +288,18 @@ def refill_background(removed: Rgb, background: Rgb, coverage: F32, inpaint: Inp
     grown = np.asarray(cv2.morphologyEx(widened(covered, REFILL.ring), cv2.MORPH_CLOSE, gap), np.uint8)
     left = (luminance(decode(background)) + 1e-3) / (luminance(decode(removed)) + 1e-3)
     deep = ((left < REFILL.deep) & (widened(covered, REFILL.near) > 0)).astype(np.uint8)
-    hole = covered | (grown & near) | widened(deep, 1)
-    away = cv2.distanceTransform(1 - (near & hole), cv2.DIST_L2, 3)
-    new = np.clip(2 - away / (REFILL.fade * max(hole.shape)), 0, 1) * (hole > 0)
-    old = np.where(hole[..., None] > 0, background, removed)
-    if not new.any():
+    hole = (covered | (grown & near) | widened(deep, 1)) > 0
+    old = np.where(hole[..., None], background, removed)
+    if not (hole & (near > 0)).any():
         return old
-    filled = inpaint(old, new > 0)
-    other = luminance(decode(filled)) > REFILL.brighter * (luminance(decode(background)) + 1e-3)
-    new = new * (1 - blur_wide(widened(other.astype(np.uint8), REFILL.near).astype(np.float32), 2.0, 2.0))
-    return np.asarray(np.rint(new[..., None] * filled + (1 - new[..., None]) * old), np.uint8)
+    pieces = nearest_piece(hole)
+    new = hole & np.isin(pieces, np.unique(pieces[hole & (near > 0)]))
+    filled = inpaint(old, new)
+    other = (luminance(decode(filled)) > REFILL.brighter * (luminance(decode(old)) + 1e-3)).astype(float)
+    share = np.bincount(pieces[new], other[new], pieces.max() + 1) / np.bincount(
+        pieces[new], minlength=pieces.max() + 1
+    ).clip(1)
+    return np.where((new & (share < REFILL.share)[pieces])[..., None], filled, old)
 
 
 # assignment

@@ -49,14 +49,10 @@ Friction = Mapping[tuple[int, int], float]
 class Contact:
     """Where one object rests against another, or against a wall."""
 
-    body: int
-    """Index of its outline."""
-    other: int
-    """The same; -1 a wall."""
-    point: Array
-    """(2,) px."""
-    normal: Array
-    """(2,) unit, from the other into the body."""
+    body: int  # Index of its outline
+    other: int  # The same; -1 a wall
+    point: Array  # (2,) px
+    normal: Array  # (2,) unit, from the other into the body
 
 
 def contacts(outlines: Sequence[Outline], walls: Sequence[Array]) -> list[Contact]:
@@ -292,8 +288,7 @@ class _Forces:
     found: Sequence[Contact]
     friction: Friction
     default: float
-    discs: Mapping[int, float]
-    """Radii, px."""
+    discs: Mapping[int, float]  # Radii, px
 
     def worst_first(self, rest: Mapping[int, float]) -> list[int]:
         """Objects that do not stand, the least balanced of the lowest first: those on top may only lack them."""

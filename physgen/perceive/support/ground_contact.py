@@ -88,12 +88,9 @@ class Foot:
     """Where an object stands."""
 
     item: PhotoObject
-    left: Array
-    """(2,) px, on its hull."""
-    right: Array
-    """(2,) px."""
-    hull: Array
-    """(K, 2) px: its lower side, left to right, none of it under the line `left` to `right`."""
+    left: Array  # (2,) px, on its hull
+    right: Array  # (2,) px
+    hull: Array  # (K, 2) px: its lower side, left to right, none of it under the line `left` to `right`
 
     @cached_property
     def slope(self) -> float:
