@@ -38,6 +38,7 @@ class _Tuning:
     chunk: int = 1_000_000  # pairs that are held in memory
     loose: int = 1  # scales above this one keep the continued edges
     chosen: int = 2  # scale at which the best of several fills is chosen
+    same: float = 16.0  # levels up to which two guesses are one
     seam: float = 3.0  # weight of seams, where fills are compared
     # of search and vote: finest scale (a vote alone), the two above, others
     rounds: tuple[int, ...] = (1, 1, 3, 3)
@@ -96,10 +97,10 @@ def patch_match_fill(picture: F32, hole: Mask) -> F32:
         none = _Fill(start, None, np.ones(last.hole.shape, np.float32), np.zeros(0, np.float32))
         return refined(none, top, chosen, keep)
 
-    edges = harmonic_fill(last.picture, last.hole & ~last.drawn)
-    fills = [started(level_fill(last.picture, last.hole), keep=False), started(edges, keep=False)]
-    if last.drawn.any():
-        fills.insert(0, started(edges, keep=True))
+    edges, rows = harmonic_fill(last.picture, last.hole & ~last.drawn), level_fill(last.picture, last.hole)
+    fills = [started(edges, keep=keep) for keep in ((True, False) if last.drawn.any() else (False,))]
+    if np.abs(edges - rows).max() > TUNING.same:
+        fills.append(started(rows, keep=False))
     best = refined(_best_pieces(fills, shared[chosen]), chosen - 1, 0, keep=False)
     assert best.field is not None
     return add_grain(best.guess, levels[0].picture, levels[0].hole, best.field)
