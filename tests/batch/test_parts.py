@@ -63,3 +63,24 @@ def test_what_is_no_part_is_refused(part: str, lesson: Path, capsys) -> None:
         main(["render", str(lesson), "--part", part])
     assert error.value.code == 2
     assert f"{part} is no part; write e.g. 2/8" in capsys.readouterr().err
+
+
+def test_a_part_without_clips_is_said_and_leaves_nothing(lesson: Path, tmp_path: Path, capsys) -> None:
+    assert main(["render", str(lesson), "-o", str(tmp_path / "out"), "--part", "2/2"]) == 0
+    assert "this part has no clip" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_dry_run_lists_its_part(lesson: Path, capsys) -> None:
+    assert main(["sweep", str(lesson), "objects.ball.mass=10:500:5", "--part", "2/3", "--dry-run"]) == 0
+    numbers = [row["number"] for row in csv.DictReader(capsys.readouterr().out.splitlines())]
+    assert numbers == ["1", "4"]
+
+
+def test_a_folder_in_the_place_of_the_table_is_refused_before_rendering(
+    lesson: Path, tmp_path: Path, capsys
+) -> None:
+    (tmp_path / "sweep.csv").mkdir()
+    assert main(["sweep", str(lesson), "objects.ball.mass=10:500:5", "-o", str(tmp_path)]) == 2
+    assert "holds a folder sweep.csv" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir() if path.name != lesson.name] == ["sweep.csv"]

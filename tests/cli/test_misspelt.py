@@ -25,6 +25,7 @@ def test_a_word_that_is_misspelt(command: list[str], meant: str, capsys) -> None
             ["render", "a.yaml", "--cluster", "dask=a.json"],
             "--cluster was removed; write --part K/N, on each",
         ),
+        (["render", "a.yaml", "--fps", "30"], "--fps was removed; write --set render.fps=N"),
         (["pack", "scene.yaml"], "pack was removed; zip the scene's folder"),
     ],
 )
@@ -32,4 +33,6 @@ def test_what_was_removed_names_what_to_use(command: list[str], instead: str, ca
     with pytest.raises(SystemExit) as ended:
         main(command)
     assert ended.value.code == 2
-    assert instead in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert instead in told
+    assert "too many" not in told

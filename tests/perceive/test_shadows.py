@@ -9,7 +9,7 @@ import pytest
 from physgen import registry
 from physgen.geometry.polygon import Disc, Region, Ring
 from physgen.perceive.roles import BoundaryGuess, LightGuess, PhotoObject, Shadows, Wall
-from physgen.perceive.shadow.shadow_removal import refill_background
+from physgen.perceive.shadow.shadow_removal import refill_background, remove_shadows
 from physgen.photometry import DistantLight
 from physgen.scene.scene import View
 from tests.perceive.lambertian import overlap
@@ -286,6 +286,18 @@ def test_a_plank_in_the_light_throws_nothing() -> None:
     found, _ = plank(0.0)
     assert found.clean is None
     assert found.owners is None
+
+
+@pytest.mark.parametrize(("grey", "lifted"), [(150, True), (20, False)])
+def test_a_black_panel_is_no_shadow(grey: int, lifted: bool) -> None:
+    """A shadow leaves a share of the light: a patch over twelve times as dark is another surface."""
+    picture = (230 + np.random.default_rng(0).normal(0, 2, (160, 240, 1)).repeat(3, 2)).astype(np.uint8)
+    picture[80:110, 90:150] = grey
+    predicted = np.zeros((160, 240), np.float32)
+    predicted[80:110, 90:150] = 1.5
+    clean = remove_shadows(picture, np.zeros((160, 240), np.float32), predicted, 40.0)
+    inside = float(clean[88:102, 98:122].mean())
+    assert inside > 215 if lifted else inside < grey + 5
 
 
 # refilling
