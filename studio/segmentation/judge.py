@@ -27,6 +27,7 @@ from physgen.perceive.backends.segment_learned import choose, worth
 from physgen.perceive.segment import candidates as judge
 from physgen.perceive.segment.candidates import FEATURES, Candidates, candidates
 from physgen.perceive.segment.network import run_network
+from physgen.perceive.segment.selection import search_edges
 
 SHIPPED = Path(judge.__file__).with_name(judge.JUDGE)
 FIRST = 5_000_000
@@ -68,7 +69,7 @@ def tried(work: int | tuple[Path, str]) -> Tried:
     """A drawn picture of a seed, or one of a folder."""
     cv2.setNumThreads(1)
     picture = draw(work, SIDE) if isinstance(work, int) else Picture.load(*work)
-    found = candidates(picture.rgb, run_network(picture.rgb))
+    found = candidates(search_edges(picture.rgb), run_network(picture.rgb))
     return Tried(found, fits(found, picture))
 
 

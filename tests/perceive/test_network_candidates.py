@@ -120,5 +120,13 @@ def test_the_shipped_network_is_small_and_sees_mirrored_what_is_mirrored() -> No
     cv2.circle(photo, (90, 96), 40, (200, 60, 40), -1)
     seen, mirrored = run_network(photo), run_network(np.ascontiguousarray(photo[:, ::-1]))
     assert seen.foreground.shape == (192, 256)
-    assert np.abs(seen.foreground - mirrored.foreground[:, ::-1]).mean() < 0.1
     assert np.abs(np.linalg.norm(seen.normals, axis=2) - 1).max() < 1e-3
+    for name in ("foreground", "boundary", "shadow", "movable"):
+        assert getattr(mirrored, name)[:, ::-1] == approx(getattr(seen, name), abs=1e-3)
+    assert mirrored.normals[:, ::-1] * [-1, 1, 1] == approx(seen.normals, abs=2e-3)
+    for (down, right), here in zip(OFFSETS, seen.pairs, strict=True):
+        there = mirrored.pairs[OFFSETS.index((down, -right) if down else (0, right)), :, ::-1]
+        if down:  # of two pixels of a row, the other comes first
+            assert there == approx(here, abs=1e-3)
+        else:
+            assert there[:, right:] == approx(here[:, :-right], abs=1e-3)

@@ -34,6 +34,18 @@ def test_the_ball_between_six_others_is_found() -> None:
     assert abs(np.sqrt(new.sum() / np.pi) - R) < 1.5
 
 
+def test_part_of_a_ball_between_six_others_becomes_the_ball() -> None:
+    six = rack([R - 0.5] * 6)
+    labels = six.labels.copy()
+    x, y = CENTER.astype(int)
+    labels[y - 14 : y + 2, x - 12 : x + 6] = 7
+    labels[2:12, 2:22] = 8  # a block beside them stays
+    found = with_rest_of_set(Segments(labels, np.array([1, 1, 1, 1, 1, 1, 0.5, 0.6]), []))
+    ball = found.labels == 1 + int(np.flatnonzero(found.confidence == 0.5)[0])
+    assert abs(np.sqrt(ball.sum() / np.pi) - R) < 1.5
+    assert (found.labels == 1 + int(np.flatnonzero(found.confidence == 0.6)[0])).sum() == 200
+
+
 def test_discs_of_many_sizes_are_no_set() -> None:
     various = rack([8, 10, 13, 16, 18, 19.5])
     assert with_rest_of_set(various) is various

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import cv2
@@ -13,18 +14,17 @@ from physgen.compile.shapes import fill_polygon
 from physgen.perceive.inpaint.poisson import dilate
 from physgen.perceive.roles import Doubt, Mask, Segment, Segments
 from physgen.perceive.segment.candidates import FEATURES, Candidates, candidates, confidence, expected_fit
-from physgen.perceive.segment.gradient import smoothed_lab
 from physgen.perceive.segment.network import run_network
-from physgen.perceive.segment.proposals import Proposal, doubt_about, overlap
-from physgen.perceive.segment.selection import SHARED, background_likeness, best_set, exclusions, tighten
+from physgen.perceive.segment.proposals import Proposal, agreement, doubt_about, iou, overlap
+from physgen.perceive.segment.selection import SHARED, best_set, exclusions, search_edges, tighten
 
 
 @dataclass(frozen=True)
 class LearnedConstants:
     """Constants of the selection, chosen on the studio's tune half and on the validation homes."""
 
-    threshold: float = 0.5
-    """Expected fit below which a proposal is dropped."""
+    threshold: float = 0.65
+    """Expected fit from which a proposal may be an object: half of such ones are right."""
     area_power: float = 0.5
     """Exponent of the area in a proposal's gain, which balances wholes against their parts."""
     agreement: float = 0.5
@@ -33,20 +33,18 @@ class LearnedConstants:
     """Mean foreground from which the bonus counts in part, and in full."""
     best: float = 0.99
     """Highest fit with the bonus."""
-    confident: float = 0.25
-    """Confidence from which a proposal is an object."""
     doubtful: float = 0.1
     """Confidence from which a proposal is a doubtful object."""
-    gap_penalty: float = 0.2
-    """Of a selected proposal whose colours continue around it."""
-    certain: float = 0.9
-    """Fit from which that is not checked."""
     movable: float = 0.5
     """Mean movability from which an object may be moved: people, animals and furniture are none."""
+    alike: float = 0.85
+    """IoU from which candidates are of one object."""
     inside: float = 0.7
     """Share of a selected proposal in a whole from which it is one of its parts."""
     covered: float = 0.4
     """Share of a whole that its two or more parts cover, from which it replaces them."""
+    better: float = 0.1
+    """Fit by which each of them exceeds that of the whole, from which it does not."""
     doubts: int = 8
     """Doubtful objects at most."""
     set_size: int = 5
@@ -69,11 +67,12 @@ def learned() -> Segment:
 
 def segment(rgb: NDArray[np.uint8]) -> Segments:
     """The movable objects of a photo (H, W, 3) uint8 sRGB, and doubtful ones."""
-    found = candidates(rgb, run_network(rgb))
+    with ThreadPoolExecutor(1) as beside:
+        seen = beside.submit(run_network, rgb)
+        by_edges = search_edges(rgb)
+    found = candidates(by_edges, seen.result())
     fit = worth(found, expected_fit(found.evidence))
-    best = choose(found, fit)
-    fit[best] -= LEARNED.gap_penalty * gaps(rgb, found, fit, best)
-    sure = joined(found, fit, best[confidence(fit[best]) >= LEARNED.confident])
+    sure = joined(found, fit, typical(found, fit, choose(found, fit)))
     fit[found.movable < LEARNED.movable] = 0
     sure = sure[fit[sure] > 0]
     some = [found.proposals[k] for k in sure.tolist()]
@@ -82,30 +81,41 @@ def segment(rgb: NDArray[np.uint8]) -> Segments:
 
 
 def with_rest_of_set(objects: Segments) -> Segments:
-    """Where the objects are round and equal, balls of a set, doubtful regions with room for one more become that."""
-    radii = []
+    """Where the objects are round and equal, balls of a set, doubtful regions with room for one more become that, and
+    so do other objects wedged between them."""
+    radii, uneven = [], []
     for k in range(1, len(objects.confidence) + 1):
         points = np.argwhere(objects.labels == k)[:, ::-1].astype(np.float32)
         _, around = cv2.minEnclosingCircle(points)
         if len(points) > LEARNED.round * np.pi * around**2:
             radii.append(float(np.sqrt(len(points) / np.pi)))
+        else:
+            uneven.append(k)
     radius = float(np.median(radii)) if radii else 0.0
     if len(radii) < LEARNED.set_size or np.median(np.abs(np.array(radii) - radius)) > LEARNED.equal * radius:
         return objects
     labels, sure, rest = objects.labels.copy(), list(objects.confidence), []
-    size = labels.shape[1], labels.shape[0]
-    for doubt in objects.doubtful:
-        free = fill_polygon(tuple(doubt.polygon), size) & (labels == 0)
-        for place in (free, labels == 0):  # the region itself, or the gap between others that it lies in
-            depth = (
-                cv2.distanceTransform(np.pad(place, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1] * free
-            )
+    rows, columns = np.ogrid[: labels.shape[0], : labels.shape[1]]
+
+    def one_more(k: int, free: Mask, places: Sequence[Mask]) -> bool:
+        """Whether a disc of the set fits about `free` (H, W) into one of `places`; it becomes object k."""
+        for place in places:
+            padded = np.pad(place, 1).astype(np.uint8)
+            depth = cv2.distanceTransform(padded, cv2.DIST_L2, 5)[1:-1, 1:-1] * free
             if LEARNED.room[0] * radius <= depth.max() <= LEARNED.room[1] * radius:
-                rows, columns = np.ogrid[: size[1], : size[0]]
-                y, x = _center_of_room(labels == 0, free, radius)
-                sure.append(doubt.confidence)
-                labels[(np.hypot(columns - x, rows - y) <= radius) & (labels == 0)] = len(sure)
-                break
+                y, x = _center_of_room(places[-1], free, radius)
+                labels[(np.hypot(columns - x, rows - y) <= radius) & places[-1]] = k
+                return True
+        return False
+
+    for k in uneven:
+        own = labels == k
+        one_more(k, own, [(labels == 0) | own])
+    for doubt in objects.doubtful:
+        free = fill_polygon(tuple(doubt.polygon), labels.shape[::-1]) & (labels == 0)
+        # the region itself, or the gap between others that it lies in
+        if one_more(len(sure) + 1, free, [free, labels == 0]):
+            sure.append(doubt.confidence)
         else:
             rest.append(doubt)
     return left_to_right(Segments(labels, np.array(sure), rest))
@@ -154,42 +164,40 @@ def left_to_right(objects: Segments) -> Segments:
 def worth(found: Candidates, fit: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) 0..1: expected fits (n,) with a bonus where edges selected the same and the network sees an object."""
     foreground = found.evidence[:, FEATURES.index("foreground")]
-    share = np.clip(
-        (foreground - LEARNED.foreground[0]) / (LEARNED.foreground[1] - LEARNED.foreground[0]), 0, 1
-    )
+    share = np.interp(foreground, LEARNED.foreground, (0, 1))
     return np.minimum(fit + LEARNED.agreement * found.edges * share, LEARNED.best)
 
 
 def joined(found: Candidates, fit: NDArray[np.float64], best: NDArray[np.intp]) -> NDArray[np.intp]:
-    """The selected candidates, two or more parts of one whole replaced by it, the largest wholes first; `fit` (n,) of
-    a whole becomes at least its parts' mean."""
+    """The selected candidates, two or more parts of one whole replaced by it, the largest wholes first, unless each
+    fits better; `fit` (n,) of a whole becomes at least its parts' mean."""
     area = np.array([one.area for one in found.proposals], np.float64)
     wholes = np.flatnonzero(found.whole)
     for whole in wholes[np.argsort(-area[wholes], kind="stable")].tolist():
         common = np.array([overlap(found.proposals[whole], found.proposals[k]) for k in best.tolist()])
         parts = common > LEARNED.inside * area[best]
-        if parts.sum() > 1 and common[parts].sum() > LEARNED.covered * area[whole]:
+        better = fit[best[parts]].min(initial=1.0) > fit[whole] + LEARNED.better
+        if parts.sum() > 1 and common[parts].sum() > LEARNED.covered * area[whole] and not better:
             mean = float(np.average(fit[best[parts]], weights=area[best[parts]]))
             fit[whole] = max(float(fit[whole]), mean)
             best = np.append(best[~parts], whole)
     return best
 
 
-def gaps(
-    rgb: NDArray[np.uint8], found: Candidates, fit: NDArray[np.float64], best: NDArray[np.intp]
-) -> NDArray[np.float64]:
-    """(n,) 0..1: how well the surrounding colours explain selected proposals as gaps; 0 for the most certain."""
-    if not len(best):
-        return np.zeros(0)
-    size = found.shape[::-1]
-    small = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA) if rgb.shape[:2] != found.shape else rgb
-    some: list[Proposal] = [found.proposals[k] for k in best.tolist()]
-    return background_likeness(
-        some,
-        np.ones(len(best), np.bool_),
-        fit[best] < LEARNED.certain,
-        smoothed_lab(np.asarray(small, np.uint8)),
-    )
+def typical(found: Candidates, fit: NDArray[np.float64], best: NDArray[np.intp]) -> NDArray[np.intp]:
+    """The selected candidates, each replaced by that one of its like which agrees most with the others, where it leaves
+    the rest free: of many alike, the best by a noisy `fit` (n,) is mostly too large. Its fit becomes at least theirs.
+    """
+    some = found.proposals
+    pool = np.flatnonzero(fit > LEARNED.threshold)
+    for n, k in enumerate(best.tolist()):
+        alike = [j for j in pool.tolist() if iou(some[j], some[k]) > LEARNED.alike]
+        middle = alike[int(agreement([some[j] for j in alike], fit[alike]).argmax())]
+        rest = (some[j] for j in np.delete(best, n).tolist())
+        if all(overlap(some[middle], one) <= SHARED * min(some[middle].area, one.area) for one in rest):
+            fit[middle] = max(fit[middle], fit[k])
+            best[n] = middle
+    return best
 
 
 def choose(found: Candidates, fit: NDArray[np.float64]) -> NDArray[np.intp]:

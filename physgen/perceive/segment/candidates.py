@@ -24,7 +24,7 @@ from physgen.perceive.segment.regions import (
     pair_borders,
     tree_regions,
 )
-from physgen.perceive.segment.selection import WIDEST_AREAS, search_edges
+from physgen.perceive.segment.selection import WIDEST_AREAS, EdgeSearch
 
 Array = NDArray[np.float64]
 
@@ -256,9 +256,8 @@ class Candidates:
     whole: NDArray[np.bool_]  # (n,): the largest groups whose parts the network sees as one
 
 
-def candidates(rgb: NDArray[np.uint8], seen: NetworkMaps) -> Candidates:
-    """Of a photo (H, W, 3) sRGB."""
-    by_edges = search_edges(rgb)
+def candidates(by_edges: EdgeSearch, seen: NetworkMaps) -> Candidates:
+    """Of a photo, from its edges and from what the network sees in it."""
     shape, grid = by_edges.shape, seen.foreground.shape
     cells = grid[0] * grid[1]
     least, most = WIDEST_AREAS

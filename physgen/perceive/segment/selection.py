@@ -35,12 +35,6 @@ class SelectionConstants:
     """Bonus where three selected proposals have the same size and compactness: objects come in sets."""
     gap_penalty: float = 0.4
     """Penalty of a small proposal between larger selected ones: a gap, or a face of an object."""
-    background_penalty: float = 0.4
-    """Penalty of a proposal whose colours continue around it: background between objects."""
-    reach: float = 1.0
-    """Width of the surroundings that are compared, in square roots of the area."""
-    rarer: float = 3.0
-    """Factor by which a colour may be rarer in the surroundings and still count as continued."""
     outlier: float = 0.7
     """Least score of a selected proposal, relative to the upper quartile of all."""
     working_area: int = 512 * 512
@@ -55,8 +49,6 @@ SELECTION = SelectionConstants()
 
 SHARED = 0.12
 """Common share of the smaller of two proposals above which they exclude each other."""
-BANDWIDTH = np.array([8, 5, 5], np.float32)
-"""CIELAB units of the density's kernel; lightness varies more, by shading and shadow."""
 
 Flags = NDArray[np.bool_]
 Values = NDArray[np.float64]
@@ -96,14 +88,14 @@ def search_edges(rgb: NDArray[np.uint8]) -> EdgeSearch:
     circles = discs(gradient, smallest, largest)
     proposals = distinct([one for one in regions if smallest <= one.area <= largest] + circles)
     scores = score_proposals(proposals, colour, gradient)
-    chosen, final = select(proposals, scores, colour)
+    chosen, final = select(proposals, scores, shape)
     return EdgeSearch(shape, gradient, distinct(regions + circles), chosen, final)
 
 
 def select(
-    proposals: Sequence[Proposal], looks: Scores, colour: NDArray[np.float32]
+    proposals: Sequence[Proposal], looks: Scores, shape: tuple[int, int]
 ) -> tuple[list[Proposal], NDArray[np.float64]]:
-    """The set without overlap of the largest gain, with final scores. `colour` is the photo (H, W, 3) in CIELAB.
+    """The set without overlap of the largest gain on a grid of `shape` (h, w), with final scores.
 
     There are two rounds, since the scores depend on the selection.
     """
@@ -113,7 +105,6 @@ def select(
         return [], np.zeros(0)
     score, compactness = looks.score[worth], looks.compactness[worth]
     area = np.array([proposal.area for proposal in pool], np.float64)
-    shape = colour.shape[0], colour.shape[1]
     weight = (area / (shape[0] * shape[1])) ** SELECTION.area_power
     excludes = exclusions(pool)
     final, gap = score, np.zeros(len(pool))
@@ -121,9 +112,6 @@ def select(
     for _ in range(2):
         gap = np.maximum(gap, _gaps(pool, area, chosen, shape))
         final = score + _sets(score, area, compactness, chosen, excludes) - gap
-        final -= SELECTION.background_penalty * background_likeness(
-            pool, chosen, final > SELECTION.threshold, colour
-        )
         chosen = best_set((final - SELECTION.threshold) * weight, excludes)
     if chosen.any():
         chosen &= final > max(
@@ -213,47 +201,6 @@ def _gaps(proposals: Sequence[Proposal], area: Values, chosen: Flags, shape: tup
         beside = float(np.median(area[np.unique(around[others]) - 1]))
         penalty[i] = SELECTION.gap_penalty * enclosed * np.clip(1 - area[i] / (0.6 * beside), 0, 1)
     return penalty
-
-
-def background_likeness(
-    proposals: Sequence[Proposal], chosen: Flags, which: Flags, colour: NDArray[np.float32]
-) -> Values:
-    """(n,) 0..1: how well the colours of the unselected surroundings explain those in a proposal; 0 unless `which`.
-
-    Densities of colour, estimated with a Gaussian kernel, are compared.
-    """
-    free = np.ones(colour.shape[:2], np.bool_)
-    for i in np.flatnonzero(chosen).tolist():
-        left, top, right, bottom = proposals[i].box
-        free[top:bottom, left:right] &= ~proposals[i].mask
-    explained = np.zeros(len(proposals))
-    for i in np.flatnonzero(which).tolist():
-        one = proposals[i]
-        reach = max(3, int(SELECTION.reach * np.sqrt(one.area)))
-        left, top = max(0, one.x - reach), max(0, one.y - reach)
-        around = np.s_[top : one.box[3] + reach, left : one.box[2] + reach]
-        ring = free[around].copy()
-        ring[one.y - top : one.box[3] - top, one.x - left : one.box[2] - left] &= ~one.mask
-        inside = _some(colour[one.y : one.box[3], one.x : one.box[2]], one.mask, 100)
-        outside = _some(colour[around], ring, 300)
-        if len(outside) < 20:
-            continue
-        own, other = (_density(inside, colours) for colours in (inside, outside))
-        explained[i] = np.minimum(1, SELECTION.rarer * other / own).mean()
-    return np.clip((explained - 0.5) / 0.3, 0, 1)
-
-
-def _some(colour: NDArray[np.float32], mask: Flags, most: int) -> NDArray[np.float32]:
-    """About `most` of the colours (h, w, 3) under a mask (h, w), evenly spaced."""
-    at = np.flatnonzero(mask)
-    return colour[np.unravel_index(at[:: max(1, len(at) // most)], mask.shape)]
-
-
-def _density(at: NDArray[np.float32], colours: NDArray[np.float32]) -> Values:
-    """(n,): Gaussian kernel density of the `colours` (m, 3) at the colours `at` (n, 3), CIELAB."""
-    off = (at[:, None] - colours) / BANDWIDTH
-    density: Values = np.exp(-(off * off).sum(2) / 2).mean(1).astype(np.float64)
-    return density + 1e-6
 
 
 BAND = 0.08
