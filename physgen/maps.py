@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -186,19 +187,26 @@ def write_assets(
     normals, albedo = percepts.normals, percepts.albedo
     pictures["normals"] = None if normals is None else np.clip(normals * 127 + 128.5, 0, 255).astype(np.uint8)
     pictures["albedo"] = None if albedo is None else (np.clip(albedo, 0, 1) * 65535 + 0.5).astype(np.uint16)
-    for name, picture in pictures.items():
-        if picture is None:
-            back_up(folder / f"{name}.png", keep)
+    drawn = {name: picture for name, picture in pictures.items() if picture is not None}
+    with ThreadPoolExecutor(2) as pool:  # OpenCV encodes beside Python
+        files = dict(zip(drawn, pool.map(_png, drawn.values()), strict=True))
+    for name in pictures:
+        if name in files:
+            write_with_backup(folder / f"{name}.png", files[name], keep)
         else:
-            write_png(folder / f"{name}.png", picture, keep)
+            back_up(folder / f"{name}.png", keep)
     return ranges
 
 
 def write_png(path: Path, picture: U8 | U16, keep: Keep = ignore_kept_file) -> None:
     """Writes (H, W) or (H, W, 3) RGB, 8 or 16 bits, atomically; an existing file that differs is kept as `NAME~`."""
+    write_with_backup(path, _png(picture), keep)
+
+
+def _png(picture: U8 | U16) -> bytes:
     bgr = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
     done, data = cv2.imencode(".png", np.ascontiguousarray(bgr), [cv2.IMWRITE_PNG_COMPRESSION, 1])
     if not done:
         kind = f"a picture of shape {picture.shape} and type {picture.dtype}"
-        raise ValueError(f"{path.name}: {kind} cannot be a PNG")
-    write_with_backup(path, data.tobytes(), keep)
+        raise ValueError(f"{kind} cannot be a PNG")
+    return data.tobytes()

@@ -54,10 +54,12 @@ class OcclusionOrder:
 def occlusion_orders(labels: Labels, ids: Sequence[int]) -> list[OcclusionOrder]:
     """Pairs where one object hides a part of the other, the surest first."""
     found = []
-    for i, j in touching_masks(labels, ids):
-        part, inner = _window(labels, i, j)
+    touching = touching_masks(labels, ids)
+    free = {i: _free_circle(labels, i) for i in {i for pair in touching for i in pair}}
+    for i, j in touching:
+        part, inner, corner = _window(labels, i, j)
         size = min(float(np.sqrt((part == k).sum())) for k in (i, j))
-        circles = {k: _free_circle(part, inner, k) for k in (i, j)}
+        circles = {k: None if (circle := free[k]) is None else circle - corner for k in (i, j)}
         under = [_reach_under(part, inner, circles, a, b) for a, b in ((i, j), (j, i))]
         deep = max(under)
         if deep < max(LIMITS.deep, LIMITS.part * size) or deep < LIMITS.twice * min(under):
@@ -131,8 +133,9 @@ def _filled_bay(mine: Mask, other: Mask) -> float:
     return float(reached.max()) if len(reached) else 0.0
 
 
-def _free_circle(part: Labels, inner: Mask, i: int) -> Array | None:
+def _free_circle(labels: Labels, i: int) -> Array | None:
     """`(3,)` px: x, y, radius of the circle that the free border of an object lies on; None where it lies on none."""
+    part, inner, corner = _window(labels, i, i)
     border = long_border(part == i)
     others = (part != 0) & (part != i)
     free = border[(_gap(others, border) > LIMITS.near) & (_gap(~inner, border) > LIMITS.near)]
@@ -143,7 +146,7 @@ def _free_circle(part: Labels, inner: Mask, i: int) -> Array | None:
     seen = np.unique((np.arctan2(y, x) * 36 / np.pi).astype(int))
     off = np.abs(np.hypot(x, y) - circle[2])
     fits = float((off <= max(LIMITS.coarse, LIMITS.rounded * circle[2])).mean())
-    return circle if len(seen) >= LIMITS.free_arc * 72 and fits >= LIMITS.fits else None
+    return circle + corner if len(seen) >= LIMITS.free_arc * 72 and fits >= LIMITS.fits else None
 
 
 def _bulge(mine: Mask, other: Mask) -> float:
@@ -178,13 +181,11 @@ def _gap(mask: Mask, points: Array) -> Array:
     return np.asarray(away[row, column], np.float64)
 
 
-def _window(labels: Labels, i: int, j: int) -> tuple[Labels, Mask]:
-    """The label map around two objects, and the part of it within the photo."""
-    rows, columns = np.nonzero((labels == i) | (labels == j))
+def _window(labels: Labels, i: int, j: int) -> tuple[Labels, Mask, Array]:
+    """The label map around two objects, the part of it within the photo, and where it begins: x, y, 0."""
+    x, y, width, height = cv2.boundingRect(((labels == i) | (labels == j)).astype(np.uint8))
     # a circle may reach farther than what is seen of it
-    margin = max(int(np.ptp(rows)), int(np.ptp(columns))) // 2 + 4
-    cut = np.s_[
-        max(rows.min() - margin, 0) : rows.max() + margin + 1,
-        max(columns.min() - margin, 0) : columns.max() + margin + 1,
-    ]
-    return np.pad(labels[cut], 2), np.pad(np.ones(labels[cut].shape, bool), 2)
+    margin = (max(width, height) - 1) // 2 + 4
+    top, left = max(y - margin, 0), max(x - margin, 0)
+    cut = labels[top : y + height + margin, left : x + width + margin]
+    return np.pad(cut, 2), np.pad(np.ones(cut.shape, bool), 2), np.array([left - 2, top - 2, 0.0])

@@ -207,8 +207,9 @@ def _pull_push(picture: F32, hole: Mask) -> F32:
     weight, value = known, picture * known[:, :, None]
     if hole.shape != (h, w):
         weight, value = np.pad(weight, pad), np.pad(value, (*pad, (0, 0)))
-    half = weight.reshape(h // 2, 2, w // 2, 2).sum((1, 3))
-    mean = value.reshape(h // 2, 2, w // 2, 2, -1).sum((1, 3)) / np.maximum(half, 1e-9)[:, :, None]
+    size = w // 2, h // 2
+    half, sums = (cv2.resize(part, size, interpolation=cv2.INTER_AREA) for part in (weight, value))
+    mean = sums.reshape(h // 2, w // 2, -1) / np.maximum(half, 1e-9)[:, :, None]
     coarse = _pull_push(mean.astype(np.float32), half == 0)
     fine = cv2.resize(coarse, (w, h), interpolation=cv2.INTER_LINEAR).reshape(h, w, -1)
     return np.where(hole[:, :, None], fine[: hole.shape[0], : hole.shape[1]], picture)
