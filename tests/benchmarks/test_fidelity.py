@@ -17,25 +17,36 @@ def test_a_scene_without_truth_is_refused(capsys: pytest.CaptureFixture[str]) ->
     assert "nope has no truth" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("ahead", "code", "state"), [(0.89, 1, "MISSED"), (4.5, 0, "met")])
+@pytest.mark.parametrize(
+    ("shadows", "objects", "code", "state"),
+    [(0.89, 1.0, 1, "MISSED"), (3.2, -0.1, 1, "MISSED"), (3.2, 0.1, 0, "met")],
+)
 def test_its_bar_is_told_with_its_exit_code(
-    ahead: float, code: int, state: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    shadows: float,
+    objects: float,
+    code: int,
+    state: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     rows = [
-        {"scene": "a", "half": "test", "way": way, "psnr_both": level, "psnr_objects": level}
-        for way, level in (("ours", 20 + ahead), ("paper, relit", 20.0))
+        {"scene": "a", "half": "test", "way": way, "psnr_shadows": 20 + dark, "psnr_objects": 20 + bright}
+        for way, dark, bright in (("ours", shadows, objects), ("paper, relit", 0.0, 0.0))
     ]
     better = fidelity.ahead(fidelity.means(rows))
-    assert better == pytest.approx(ahead)
+    assert better is not None
+    assert (better.shadows, better.objects) == pytest.approx((shadows, objects))
     result = {"rows": rows, "means": fidelity.means(rows), "ahead": better}
     monkeypatch.setattr(fidelity, "evaluate", lambda *_: result)
     assert main(["--json"]) == code
     (bar,) = json.loads(capsys.readouterr().out)["bars"]
-    assert (bar["found"], bar["bar"], bar["passed"]) == (f"{ahead:.2f} dB", "4 dB", code == 0)
+    asked = "3 dB on shadows, 0 on objects"
+    assert (bar["found"], bar["bar"], bar["passed"]) == (str(better), asked, code == 0)
     assert main([]) == code
     text = capsys.readouterr().out
-    assert f"{ahead:.2f} dB, the bar is 4 dB: {state}" in text
-    assert re.search(rf"^a +test +{20 + ahead:.2f} / - +20.00 / -$", text, re.M)
+    assert f"{better}, the bar is {asked}: {state}" in text
+    cell = f"{20 + objects:.2f} / {20 + shadows:.2f}"
+    assert re.search(rf"^a +test +{cell} +20.00 / 20.00$", text, re.M)
 
 
 @pytest.mark.slow

@@ -1,8 +1,9 @@
 """Backend matte=edge: coverage with a soft border that follows the photo's edges.
 
-Without contrast, coverage falls from 1 to 0 over two pixels, one half on the mask's border. With contrast, a pixel's
-colour between the object's and the background's gives its coverage (Porter and Duff's compositing equation solved for
-alpha), which may move the border by as much as the mask is likely to be off.
+Coverage falls from 1 to 0 over two pixels, one half on the mask's border. With contrast, a pixel's colour between the
+object's and the background's is its share of the object (Porter and Duff's compositing equation solved for alpha). A
+mask that is too large or too small is so for some way along its border: the mean there of these shares moves the
+border. Of a single pixel they say little, since what is dark beside an object may be its shadow.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from physgen.geometry.shadows import blurred
 from physgen.maps import F32
 from physgen.perceive.roles import Labels, Mask, Matte, Rgb
 from physgen.photometry import decode
@@ -22,7 +24,12 @@ class _Limits:
     """How far the photo moves a border."""
 
     reach: float = 1.0  # px from one half to 0 or 1
-    shift: float = 2.75  # px by which the photo may move the border
+    shift: float = 2.75  # px by which the photo may move the border along some way ...
+    unsure: float = 0.5  # ... less those by which shadows and texture pretend to
+    single: float = 0.25  # px by which single pixels may then move it
+    along: float = 32.0  # px, standard deviation: the way
+    doubt: float = 0.1  # trust in the mask's border, beside the colours' 0..1
+    gain: float = 2.0  # of shares about one half: shadows beside an object reach that seldom
     # difference of square roots of linear light from which colours separate object and background
     contrast: float = 0.08
 
@@ -40,13 +47,24 @@ def _edge(rgb: Rgb, labels: Labels) -> F32:
     if not inside.any() or inside.all():
         return inside.astype(np.float32)
     distance = _border_distance(inside)
-    coverage = _ramp(distance)
     mixed, trust = _coverage_by_colour(rgb, distance)
-    moved = np.clip(mixed, _ramp(distance - LIMITS.shift), _ramp(distance + LIMITS.shift))
-    coverage = np.where(
-        np.abs(distance) < LIMITS.reach + LIMITS.shift, coverage + trust * (moved - coverage), coverage
-    )
+    mixed = np.clip((mixed - 0.5) * LIMITS.gain + 0.5, 0, 1)
+    distance += _shift(distance, mixed, trust)
+    coverage = _ramp(distance)
+    moved = np.clip(mixed, _ramp(distance - LIMITS.single), _ramp(distance + LIMITS.single))
+    near = np.abs(distance) < LIMITS.reach + LIMITS.single
+    coverage = np.where(near, coverage + trust * (moved - coverage), coverage)
     return np.asarray(np.round(coverage * 255) / 255, np.float32)  # as stored: 0 here is 0 in coverage.png
+
+
+def _shift(distance: F32, mixed: F32, trust: F32) -> F32:
+    """(H, W) px by which the border lies farther out than the mask says."""
+    band = LIMITS.reach + LIMITS.shift
+    near = (np.abs(distance) < band).astype(np.float32)
+    excess = blurred((mixed - _ramp(distance)) * trust * near, LIMITS.along)
+    weight = blurred((trust + np.float32(LIMITS.doubt)) * near, LIMITS.along)
+    shift = np.clip(2 * band * excess / np.maximum(weight, 1e-6), -LIMITS.shift, LIMITS.shift)
+    return np.asarray(np.sign(shift) * np.maximum(np.abs(shift) - LIMITS.unsure, 0), np.float32)
 
 
 def _ramp(distance: F32) -> F32:

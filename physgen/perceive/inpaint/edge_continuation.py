@@ -34,7 +34,7 @@ class _Matching:
 
     contrast: float = 22.0  # between the two sides (length of the difference) from which there is an edge
     coherence: float = 0.75  # of the structure tensor, from which an edge has a direction
-    unmatched_contrast: float = 40.0  # the contrast from which an unmatched edge goes on
+    unmatched_contrast: float = 50.0  # the contrast from which an unmatched edge goes on
     similar: float = 25.0  # by which the more similar side of an edge may differ from end to end
     max_doubt: float = 0.75  # that two ends belong to one edge: colours, turns that are no arc's, long bends
     bulge: float = 0.1  # bending from which an edge that only runs along the hole's border is not drawn

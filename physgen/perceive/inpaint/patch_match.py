@@ -3,9 +3,9 @@
 Every patch that reaches into the hole looks for the known patch most like it, and all that overlap vote on the colour;
 both are repeated, from coarse to fine (Wexler et al. 2007, Space-time completion of video). Coarse scales compare
 every patch with every other; finer ones try the neighbours' places (Barnes et al. 2009, PatchMatch). The coarsest scale
-starts from several guesses: rows carried on level, and continued edges with a harmonic fill between them, kept or not.
-For each piece of the hole, the one goes on whose patches are most like known ones. Comparisons are sums of whole
-numbers below 2^24, so that their order, and the machine, changes nothing.
+starts from two guesses: rows carried on level, and continued edges, which stay, with a harmonic fill between them. For
+each piece of the hole, the one goes on that is most like known patches and departs least from continued edges.
+Comparisons are sums of whole numbers below 2^24, so that their order, and the machine, changes nothing.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from physgen.maps import F32
 from physgen.perceive.inpaint.edge_continuation import continue_edges
-from physgen.perceive.inpaint.poisson import harmonic_fill, nearest_piece, seams
+from physgen.perceive.inpaint.poisson import harmonic_fill, nearest_piece
 from physgen.perceive.roles import Mask
 
 Places = NDArray[np.int64]
@@ -36,10 +36,10 @@ class _Tuning:
     # the same where nothing is known yet: sources are then thinned out evenly
     max_first_pairs: int = 20_000_000
     chunk: int = 1_000_000  # pairs that are held in memory
-    loose: int = 1  # scales above this one keep the continued edges
-    chosen: int = 2  # scale at which the best of several fills is chosen
+    chosen: int = 2  # scale at which the better of two fills is chosen; finer ones keep no continued edges
     same: float = 16.0  # levels up to which two guesses are one
-    seam: float = 3.0  # weight of seams, where fills are compared
+    # where fills are compared: weight of levels by which one departs from continued edges; chosen on the tune half
+    astray: float = 0.18
     # of search and vote: finest scale (a vote alone), the two above, others
     rounds: tuple[int, ...] = (1, 1, 3, 3)
     trust: float = 1.3  # a px deeper in the hole is this many times less trusted
@@ -90,7 +90,7 @@ def patch_match_fill(picture: F32, hole: Mask) -> F32:
     def refined(fill: _Fill, first: int, end: int, keep: bool) -> _Fill:
         for k in range(first, end - 1, -1):
             search = shared.get(k) or _Search(levels[k], RADIUS if k else 2)
-            fill = _refined(fill, search, k, keep and k > TUNING.loose)
+            fill = _refined(fill, search, k, keep)
         return fill
 
     def started(start: F32, keep: bool) -> _Fill:
@@ -98,7 +98,7 @@ def patch_match_fill(picture: F32, hole: Mask) -> F32:
         return refined(none, top, chosen, keep)
 
     edges, rows = harmonic_fill(last.picture, last.hole & ~last.drawn), level_fill(last.picture, last.hole)
-    fills = [started(edges, keep=keep) for keep in ((True, False) if last.drawn.any() else (False,))]
+    fills = [started(edges, keep=True)]
     if np.abs(edges - rows).max() > TUNING.same:
         fills.append(started(rows, keep=False))
     best = refined(_best_pieces(fills, shared[chosen]), chosen - 1, 0, keep=False)
@@ -129,15 +129,18 @@ def _refined(fill: _Fill, search: _Search, k: int, keep: bool) -> _Fill:
 
 
 def _best_pieces(fills: list[_Fill], search: _Search) -> _Fill:
-    """Of each piece of the hole, the fill whose patches are most like known ones."""
+    """Of each piece of the hole, the fill whose patches are most like known ones, and that keeps continued edges."""
     level = search.level
-    pieces = nearest_piece(level.hole)
+    pieces, inside = nearest_piece(level.hole), level.hole
     at, weight = pieces[search.at[:, 0], search.at[:, 1]], search.trust[search.at[:, 0], search.at[:, 1]]
     count = np.maximum(np.bincount(at, weight), 1e-9)
+    area = np.maximum(np.bincount(pieces[inside], minlength=len(count)), 1)
     unlike = []
     for fill in fills:
         cost = np.bincount(at, weight * np.sqrt(np.maximum(fill.cost, 0))) / count
-        unlike.append(cost + TUNING.seam * seams(fill.guess, level.picture, level.hole, pieces))
+        off = np.abs(fill.guess - level.picture).mean(2) * level.drawn
+        astray = np.bincount(pieces[inside], off[inside], len(count)) / area
+        unlike.append(cost + TUNING.astray * astray)
     at_best = np.argmin(unlike, axis=0)[pieces], *np.indices(pieces.shape)
     guess, alike, field = (
         np.stack([getattr(fill, name) for fill in fills])[at_best] for name in ("guess", "alike", "field")

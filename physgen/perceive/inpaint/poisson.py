@@ -24,10 +24,6 @@ ISLAND = 6  # px: gaps between objects narrower than this are mostly contact sha
 FADE = 5.0  # px into the hole over which a difference at its border fades
 
 
-JUMP = 100.0
-"""Levels of contrast that edges seldom have."""
-
-
 @dataclass(frozen=True)
 class _Halo:
     """What objects leave around their masks."""
@@ -40,7 +36,7 @@ class _Halo:
     """px inside the border where the steepest slope may lie: coverage reaches over the edge."""
     widest: int = 12
     """px: widest rim that is measured."""
-    margin: int = 2
+    margin: int = 3
     """px beyond the measured rim: sharpening leaves a line there, and masks are off by as much."""
     smooth: float = 1.5
     """px, standard deviation of the blur over which photo and fill are compared."""
@@ -183,18 +179,6 @@ def hole_pieces(hole: Mask) -> Iterator[tuple[tuple[slice, slice], Mask]]:
 def nearest_piece(hole: Mask) -> NDArray[np.int32]:
     """(H, W): the number, from 1 on, of the connected piece of `hole` that is nearest."""
     return np.asarray(cv2.distanceTransformWithLabels((~hole).astype(np.uint8), cv2.DIST_L2, 5)[1], np.int32)
-
-
-def seams(filled: F32, picture: F32, hole: Mask, pieces: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Levels by which the contrast of `filled` and `picture` (H, W, 3) across the border of each piece of `hole` (H, W)
-    goes beyond that of most edges, on average; by piece."""
-    known = np.where(hole, np.float32(0), np.float32(1))
-    share = cv2.blur(known, (3, 3))
-    beside = cv2.blur(picture * known[:, :, None], (3, 3)) / np.maximum(share, np.float32(1e-3))[:, :, None]
-    rim = hole & (share > 0.01)
-    beyond = np.maximum(np.abs(filled - beside)[rim].mean(1) - JUMP, 0)
-    most = int(pieces.max()) + 1
-    return np.bincount(pieces[rim], beyond, most) / np.maximum(np.bincount(pieces[rim], minlength=most), 1)
 
 
 def _pull_push(picture: F32, hole: Mask) -> F32:

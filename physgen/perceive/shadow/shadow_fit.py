@@ -32,6 +32,8 @@ COARSE, FINE = 192, 384
 """px: longer side of the pictures in which the light is searched, first and then."""
 TILT = 0.1
 """Rise over run of the floor where it is unknown."""
+SOFT = 8.0
+"""degrees: half the width of usual lights, lamps and windows."""
 TRUSTED = 0.3
 """Confidence of a light from shading from which it counts."""
 FULL = 1.2
@@ -230,12 +232,13 @@ def refine_light(fine: LightGradients, setting: ShadowSetting, guess: LightGuess
 
 
 def _oddness(setting: ShadowSetting, factor: float) -> float:
-    """Correlation that an unusual fit must gain: low or high light, a steep or a flat floor, other darkness."""
+    """Correlation that an unusual fit must gain: low or high or sharp light, a steep or flat floor, other darkness."""
     x, y, z = setting.light.direction
     length = (x * x + z * z) ** 0.5 / max(-y, 0.05)
     slant = 0.03 * max(length - 2, 0.0) + 0.03 * max(0.4 - length, 0.0)
     strength = 0.03 * abs(np.log(max(factor, 0.05)))
-    return float(slant + 0.02 * abs(np.log(setting.tilt / TILT)) + strength)
+    usual = abs(np.log(setting.tilt / TILT)) + abs(np.log(setting.softness / SOFT))
+    return float(slant + 0.02 * usual + strength)
 
 
 def _starts(first: ShadowSetting, guess: LightGuess) -> Iterator[ShadowSetting]:

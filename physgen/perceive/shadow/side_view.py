@@ -58,7 +58,7 @@ class _Limits:
     alike: float = 0.5  # correlation of slopes that shadows on a floor need ...
     sure: float = 0.75  # ... and with `deep` for each unit of depth, up to one
     deep: float = 0.3
-    calm: float = 0.85  # share of the slopes of light that removal may leave: a shadow's edges go with it
+    calm: float = 0.92  # share of the slopes of light that removal may leave: a shadow's edges go with it
     seen: float = 1.0  # up to this share there are shadows, though they lie too far astray to be removed
     faintest: float = 0.15  # depth of the faintest shadows
     darkest: float = 2.5  # depth of the darkest
