@@ -36,3 +36,12 @@ def test_a_contact_shadow_is_no_part_of_the_object() -> None:
 @pytest.mark.parametrize("off", [-2, -1, 1, 2])
 def test_a_mask_that_is_off_all_around_is_moved(off: float) -> None:
     assert error(shadow=0.0, off=off) < 0.5 * abs(off)
+
+
+def test_a_corner_that_the_mask_rounds_off_is_part_of_a_bright_box() -> None:
+    box = np.maximum(np.abs(X - 60), np.abs(Y - 60)) < 30
+    round_box = np.hypot(np.maximum(np.abs(X - 60) - 24, 0), np.maximum(np.abs(Y - 60) - 24, 0)) < 6
+    picture = encode_u8(np.where(box[..., None], np.float32(0.7), np.float32(0.05)) * np.ones(3, np.float32))
+    coverage = edge()(picture, round_box.astype(np.uint16))
+    corners = box & ~round_box
+    assert coverage[corners].mean() > 0.6

@@ -3,7 +3,8 @@
 Coverage falls from 1 to 0 over two pixels, one half on the mask's border. With contrast, a pixel's colour between the
 object's and the background's is its share of the object (Porter and Duff's compositing equation solved for alpha). A
 mask that is too large or too small is so for some way along its border: the mean there of these shares moves the
-border. Of a single pixel they say little, since what is dark beside an object may be its shadow.
+border. Beyond it, a single pixel belongs to the object as its colour says, unless it is dimmed background: that may be
+the object's shadow.
 """
 
 from __future__ import annotations
@@ -26,7 +27,10 @@ class _Limits:
     reach: float = 1.0  # px from one half to 0 or 1
     shift: float = 2.75  # px by which the photo may move the border along some way ...
     unsure: float = 0.5  # ... less those by which shadows and texture pretend to
-    single: float = 0.25  # px by which single pixels may then move it
+    single: float = (
+        0.25  # px by which single pixels may then move it; outwards by `shift`, if of another colour ...
+    )
+    dimmed: float = 0.3  # ... than dimmed background, by so much of square roots of linear light
     along: float = 32.0  # px, standard deviation: the way
     doubt: float = 0.1  # trust in the mask's border, beside the colours' 0..1
     gain: float = 2.0  # of shares about one half: shadows beside an object reach that seldom
@@ -47,12 +51,13 @@ def _edge(rgb: Rgb, labels: Labels) -> F32:
     if not inside.any() or inside.all():
         return inside.astype(np.float32)
     distance = _border_distance(inside)
-    mixed, trust = _coverage_by_colour(rgb, distance)
+    mixed, trust, other = _coverage_by_colour(rgb, distance)
     mixed = np.clip((mixed - 0.5) * LIMITS.gain + 0.5, 0, 1)
     distance += _shift(distance, mixed, trust)
     coverage = _ramp(distance)
-    moved = np.clip(mixed, _ramp(distance - LIMITS.single), _ramp(distance + LIMITS.single))
-    near = np.abs(distance) < LIMITS.reach + LIMITS.single
+    out = LIMITS.single + (LIMITS.shift - LIMITS.single) * other * (distance < 0)
+    moved = np.clip(mixed, _ramp(distance - LIMITS.single), _ramp(distance + out))
+    near = np.abs(distance) < LIMITS.reach + out
     coverage = np.where(near, coverage + trust * (moved - coverage), coverage)
     return np.asarray(np.round(coverage * 255) / 255, np.float32)  # as stored: 0 here is 0 in coverage.png
 
@@ -82,8 +87,8 @@ def _border_distance(inside: Mask) -> F32:
     return np.asarray(cv2.GaussianBlur(signed, (0, 0), 0.8)[8:-8, 8:-8], np.float32)
 
 
-def _coverage_by_colour(rgb: Rgb, distance: F32) -> tuple[F32, F32]:
-    """Coverage `(H, W)` by colour, and its trust, 0..1."""
+def _coverage_by_colour(rgb: Rgb, distance: F32) -> tuple[F32, F32, F32]:
+    """Coverage `(H, W)` by colour, its trust, 0..1, and 0..1 how unlike dimmed background the colour is."""
     colour = np.sqrt(decode(rgb))
     front = _nearby_mean(colour, distance > LIMITS.reach + LIMITS.shift - 1)
     back = _nearby_mean(colour, distance < -(LIMITS.reach + LIMITS.shift + 0.5))
@@ -93,7 +98,10 @@ def _coverage_by_colour(rgb: Rgb, distance: F32) -> tuple[F32, F32]:
     trust = np.clip(np.sqrt(length) / LIMITS.contrast - 0.5, 0, 1)
     known = (front.sum(2) > 0) & (back.sum(2) > 0)
     smooth = cv2.GaussianBlur(np.clip(share, 0, 1).astype(np.float32), (0, 0), 0.5)
-    return smooth, np.where(known, trust, 0).astype(np.float32)
+    dim = np.einsum("ijk,ijk->ij", colour, back) / np.maximum(np.einsum("ijk,ijk->ij", back, back), 1e-6)
+    off = np.square(colour - dim[..., None] * back).sum(2) / LIMITS.dimmed**2
+    other = np.where(dim < 1, 1 - np.exp(-off), 1).astype(np.float32)
+    return smooth, np.where(known, trust, 0).astype(np.float32), other
 
 
 def _nearby_mean(colour: F32, known: Mask) -> F32:
