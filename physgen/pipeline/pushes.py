@@ -29,36 +29,23 @@ Array = NDArray[np.float64]
 class _Trial:
     """How candidates for a push are ranked and tried; lengths are parts of the photo's longer side."""
 
-    room: float = 0.3
-    """Free way ahead that counts in full."""
-    ahead: float = 1.5
-    """Weight of objects ahead, against that of a free way: something is struck."""
-    round: float = 0.3
-    """More for a circle, which goes on rolling."""
-    apart: float = 1.0
-    """More, seen from above, for what lies far from all others: it has a run-up."""
-    loaded: float = 0.7
-    """Less for what carries another object."""
-    tried: int = 3
-    """Candidates that are simulated, at up to a second each."""
-    enough: float = 0.5
-    """Of the most that a candidate shows, that the first one needs to be taken."""
-    part: float = 0.5
-    """Of the clip, that is simulated."""
-    samples: int = 16
-    """Times at which positions are compared."""
-    far: float = 0.25
-    """A displacement that counts in full."""
-    least: float = 0.07
-    """A displacement that is seen: 36 px of a photo of 512."""
-    written: float = 0.01
-    """Of a speed, by which one that is written with three digits may differ."""
-    wild: float = 2.5
-    """Times the push's speed and that of a fall over the photo, from which a motion is an explosion."""
-    slender: float = 1.5
-    """Times width over height: of the speed, for what topples before it slides."""
-    gentlest: float = 0.3
-    """Of the speed, at least."""
+    room: float = 0.3  # free way ahead that counts in full
+    ahead: float = 1.5  # weight of objects ahead, against that of a free way: something is struck
+    round: float = 0.3  # more for a circle, which goes on rolling
+    apart: float = 1.0  # more, seen from above, for what lies far from all others: it has a run-up
+    loaded: float = 0.7  # less for what carries another object
+    tried: int = 3  # candidates that are simulated, at up to a second each
+    enough: float = 0.5  # of the most that a candidate shows, that the first one needs to be taken
+    part: float = 0.5  # of the clip, that is simulated
+    samples: int = 16  # times at which positions are compared
+    far: float = 0.25  # a displacement that counts in full
+    least: float = 0.07  # a displacement that is seen: 36 px of a photo of 512
+    written: float = 0.01  # of a speed, by which one that is written with three digits may differ
+    wild: float = (
+        2.5  # times the push's speed and that of a fall over the photo, from which a motion is an explosion
+    )
+    slender: float = 1.5  # times width over height: of the speed, for what topples before it slides
+    gentlest: float = 0.3  # of the speed, at least
     harder: tuple[float, ...] = (1.0, 1.5, 2.5)
     """Times the ordinary speed, tried in turn until something moves half as far as counts in full, or many do."""
     many: float = 2.0

@@ -52,4 +52,4 @@ def poster(film: Path) -> bytes:
         frame = sample_frames(film, 1, SIDE)[0] if film.suffix == ".mp4" else _rgb(film)
     except (SyntaxError, ValueError, EOFError, IndexError) as error:  # SyntaxError: a broken PNG
         raise OSError(f"{film} cannot be read: {error}") from error
-    return encoded(fitted(frame, SIDE), "WEBP", quality=QUALITY)
+    return encoded(fitted(frame, SIDE), QUALITY)

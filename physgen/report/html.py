@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, JpegImagePlugin, PngImagePlugin, WebPImagePlugin  # noqa: F401 - else `save` loads them all
+from PIL import Image, WebPImagePlugin  # noqa: F401 - else `save` loads all plugins
 
 from physgen.files import cache_folder, resource
 from physgen.text import rounded, value_text
@@ -22,13 +22,6 @@ U8 = NDArray[np.uint8]
 
 METHOD = 2
 """Effort of WebP, 0 to 6: a third of the time of libwebp's default 4, and 3 % more bytes."""
-KINDS = {
-    ".mp4": "video/mp4",
-    ".webp": "image/webp",
-    ".gif": "image/gif",
-    ".png": "image/png",
-    ".jpg": "image/jpeg",
-}
 
 
 def template(name: str) -> Any:
@@ -69,30 +62,14 @@ def script_json(data: object) -> str:
 
 def webp(pixels: U8, quality: int) -> str:
     """(H, W, 3) sRGB, or (H, W, 4) with alpha, which stays exact, as a data URI."""
-    return data_uri(encoded(pixels, "WEBP", quality=quality), ".webp")
+    data = base64.b64encode(encoded(pixels, quality))
+    return f"data:image/webp;base64,{data.decode('ascii')}"
 
 
-def smallest_picture(pixels: U8, quality: int) -> str:
-    """As WebP or PNG, whichever is smaller."""
-    return min(webp(pixels, quality), data_uri(encoded(pixels, "PNG"), ".png"), key=len)
-
-
-def jpeg(pixels: U8, quality: int) -> str:
-    """(H, W, 3) sRGB as a data URI."""
-    return data_uri(encoded(pixels, "JPEG", quality=quality), ".jpg")
-
-
-def data_uri(data: bytes, ending: str) -> str:
-    """Of a file with an ending of KINDS."""
-    return f"data:{KINDS[ending]};base64,{base64.b64encode(data).decode('ascii')}"
-
-
-def encoded(pixels: U8, kind: str, **options: int) -> bytes:
-    """A file of Pillow's format `kind`."""
-    if kind == "WEBP":
-        options = {"method": METHOD, **options}
+def encoded(pixels: U8, quality: int) -> bytes:
+    """A WebP file."""
     buffer = io.BytesIO()
-    Image.fromarray(pixels).save(buffer, kind, **options)
+    Image.fromarray(pixels).save(buffer, "WEBP", quality=quality, method=METHOD)
     return buffer.getvalue()
 
 

@@ -17,7 +17,7 @@ from physgen.compile.world import World, pair_table
 from physgen.export.video import U8
 from physgen.files import resource
 from physgen.report.films import Film
-from physgen.report.html import jpeg, script_json, template
+from physgen.report.html import script_json, template, webp
 from physgen.report.parameters import (
     COLUMNS,
     arrows,
@@ -91,7 +91,7 @@ def report_page(
         duration=world.duration,
         film=film,
         refined=_refinement(record.refine),
-        photo=jpeg(first, LIMITS.photo_quality),
+        photo=webp(first, LIMITS.photo_quality),
         view_box=f"-0.5 -0.5 {width} {height}",
         walls=[
             {

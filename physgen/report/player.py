@@ -29,7 +29,7 @@ from physgen.render.scales import scales
 from physgen.render.shadow_decomposition import LitBackground, shaded_background
 from physgen.render.sprites import Sprite
 from physgen.render.stage import SpritePose, Stage, sprite_coverage, sprite_poses
-from physgen.report.html import smallest_picture, webp
+from physgen.report.html import webp
 from physgen.scene.scene import FieldKind, Load, Motion, Overlay, Scene, Solid, View
 from physgen.simulate.trajectory import Trajectory
 
@@ -50,8 +50,6 @@ class PlayerLimits:
     """px by which an object's border may deviate from a straight path between two of them."""
     balls: int = 90
     """Of WebP, for the layers of balls."""
-    small: int = 20_000
-    """px² of a picture that is also tried as PNG."""
     large: int = 60_000
     """px² of a ball's box up to which the page's script rotates it, pixel by pixel."""
     gamma: float = 2.2
@@ -143,9 +141,7 @@ def _cut(sprite: Sprite, less: float, scale: float) -> dict[str, Any]:
         "body": sprite.body,
         "box": _placed((left, top, left + alpha.shape[1], top + alpha.shape[0]), scale),
         "turns": not _looks_alike(sprite),
-        "src": (smallest_picture if alpha.size <= LIMITS.small else webp)(
-            _smaller(pixels, less), LIMITS.quality
-        ),
+        "src": webp(_smaller(pixels, less), LIMITS.quality),
     }
     if sprite.ball is not None and found["turns"] and less == 1 and alpha.size <= LIMITS.large:
         ball = sprite.ball

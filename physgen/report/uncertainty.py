@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import World
-from physgen.report.html import U8, fitted, jpeg
+from physgen.report.html import U8, fitted, webp
 from physgen.simulate.uncertainty import VERBS, Ensemble, Fate, Verdict, headline, percent
 from physgen.text import rounded
 
@@ -49,7 +49,7 @@ def uncertainty_section(fan: Ensemble, found: Sequence[Verdict], world: World, f
     fates = {way["fate"] for way in ways}
     return {
         "headline": headline(fan, found),
-        "photo": jpeg(fitted(first, LIMITS.widest), LIMITS.quality),
+        "photo": webp(fitted(first, LIMITS.widest), LIMITS.quality),
         "facts": _facts(fan),
         "ways": ways,
         "own": [d for b in range(len(fan.names)) if (d := _path(fan.own_poses[:, b, :2], world))],

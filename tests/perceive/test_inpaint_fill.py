@@ -156,3 +156,34 @@ def test_long_photos_take_little_memory(height: int, width: int) -> None:
     assert peak < 300 * 2**20
     assert np.array_equal(filled[~hole], photo[~hole])
     assert abs(filled[hole] - truth[hole]).mean() < 12
+
+
+def test_grain_is_no_pattern_of_one_place():
+    random = np.random.default_rng(0)
+    y, x = np.mgrid[:200, :240]
+    photo = np.repeat(np.clip(150 + random.normal(0, 6, (200, 240, 1)), 0, 255), 3, 2).astype(np.uint8)
+    hole = np.hypot(x - 120, y - 100) <= 50
+    filled = fill()(photo, hole)[80:120, 100:140, 0].astype(float) - 150
+    assert 4 < filled.std() < 8
+    for down, right in ((0, 2), (2, 0), (2, 2), (0, 4), (4, 0)):  # noise knows nothing of its neighbours
+        alike = (filled[down:, right:] * filled[: 40 - down, : 40 - right]).mean() / filled.var()
+        assert abs(alike) < 0.15, (down, right)
+
+
+@pytest.mark.parametrize("dark", [True, False])
+def test_behind_balls_on_a_shelf_is_what_is_above_them(dark: bool):
+    """A wall above a black shelf, or the inside of one whose sides are behind the outer balls."""
+    random = np.random.default_rng(0)
+    y, x = np.mgrid[:200, :320]
+    foot = 130 if dark else 100
+    photo = np.full((200, 320, 3), 240.0)
+    photo[40 : 130 if dark else 150, 40:280] = 25
+    if not dark:
+        photo[:100] = 240
+    photo[foot : foot + 4, 30:290] = 15
+    photo = np.clip(photo + random.normal(0, 2, photo.shape), 0, 255).astype(np.uint8)
+    hole = np.zeros((200, 320), bool)
+    for centre in range(42, 282, 40):
+        hole |= np.hypot(x - centre, y - foot + 19.5) <= 20.5
+    behind = fill()(photo, hole)[hole & (y < foot - 8) & (x > 70) & (x < 250)].mean()
+    assert behind < 45 if dark else behind > 230

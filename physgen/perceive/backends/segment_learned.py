@@ -23,36 +23,36 @@ from physgen.perceive.segment.selection import SHARED, best_set, exclusions, sea
 class LearnedConstants:
     """Constants of the selection, chosen on the studio's tune half and on the validation homes."""
 
-    threshold: float = 0.65
-    """Expected fit from which a proposal may be an object: half of such ones are right."""
-    area_power: float = 0.5
-    """Exponent of the area in a proposal's gain, which balances wholes against their parts."""
-    agreement: float = 0.5
-    """Bonus of the selection by edges."""
-    foreground: tuple[float, ...] = (0.3, 0.6)
-    """Mean foreground from which the bonus counts in part, and in full."""
-    best: float = 0.99
-    """Highest fit with the bonus."""
-    doubtful: float = 0.1
-    """Confidence from which a proposal is a doubtful object."""
-    movable: float = 0.5
-    """Mean movability from which an object may be moved: people, animals and furniture are none."""
-    alike: float = 0.85
-    """IoU from which candidates are of one object."""
-    inside: float = 0.7
-    """Share of a selected proposal in a whole from which it is one of its parts."""
-    covered: float = 0.4
-    """Share of a whole that its two or more parts cover, from which it replaces them."""
-    better: float = 0.1
-    """Fit by which each of them exceeds that of the whole, from which it does not."""
-    doubts: int = 8
-    """Doubtful objects at most."""
-    set_size: int = 5
-    """Round objects of one radius from which they are a set, as of balls or marbles."""
-    round: float = 0.9
-    """Share of its smallest enclosing circle from which an object is round."""
-    equal: float = 0.05
-    """Of their median radius: half of a set's objects differ by less."""
+    threshold: float = (
+        0.65  # expected fit from which a proposal may be an object: half of such ones are right
+    )
+    area_power: float = (
+        0.5  # exponent of the area in a proposal's gain, which balances wholes against their parts
+    )
+    agreement: float = 0.5  # bonus of the selection by edges
+    foreground: tuple[float, ...] = (
+        0.3,
+        0.6,
+    )  # mean foreground from which the bonus counts in part, and in full
+    best: float = 0.99  # highest fit with the bonus
+    doubtful: float = 0.1  # confidence from which a proposal is a doubtful object
+    gap_penalty: float = 0.35  # of a selected proposal whose colours continue around it
+    rarer: float = 3.0  # factor by which a colour may be rarer there and still count as continued
+    explained: tuple[float, ...] = (
+        0.5,
+        0.8,
+    )  # share of such colours from which that counts in part, and in full
+    movable: float = (
+        0.5  # mean movability from which an object may be moved: people, animals and furniture are none
+    )
+    alike: float = 0.85  # IoU from which candidates are of one object
+    inside: float = 0.7  # share of a selected proposal in a whole from which it is one of its parts
+    covered: float = 0.4  # share of a whole that its two or more parts cover, from which it replaces them
+    better: float = 0.1  # fit by which each of them exceeds that of the whole, from which it does not
+    doubts: int = 8  # doubtful objects at most
+    set_size: int = 5  # round objects of one radius from which they are a set, as of balls or marbles
+    round: float = 0.9  # share of its smallest enclosing circle from which an object is round
+    equal: float = 0.05  # of their median radius: half of a set's objects differ by less
     room: tuple[float, float] = (0.8, 1.25)
     """Of a set's radius: the largest disc in a doubtful region, or about it between others, that is one more."""
 
@@ -72,12 +72,32 @@ def segment(rgb: NDArray[np.uint8]) -> Segments:
         by_edges = search_edges(rgb)
     found = candidates(by_edges, seen.result())
     fit = worth(found, expected_fit(found.evidence))
-    sure = joined(found, fit, typical(found, fit, choose(found, fit)))
+    best = choose(found, fit)
+    fit[best] -= LEARNED.gap_penalty * continued(rgb, found, best)
+    sure = joined(found, fit, typical(found, fit, best[fit[best] > LEARNED.threshold]))
     fit[found.movable < LEARNED.movable] = 0
     sure = sure[fit[sure] > 0]
     some = [found.proposals[k] for k in sure.tolist()]
     objects = as_segments(rgb, some, fit[sure], confidence(fit[sure]), found.shape)
     return with_rest_of_set(replace(objects, doubtful=doubts(found, fit, sure, rgb.shape[:2])))
+
+
+def continued(rgb: NDArray[np.uint8], found: Candidates, best: NDArray[np.intp]) -> NDArray[np.float64]:
+    """(n,) 0..1: how surely selected candidates are gaps, through which the colours around them are seen."""
+    some, shape = [found.proposals[k] for k in best.tolist()], found.shape
+    if not some:
+        return np.zeros(0)
+    small = cv2.GaussianBlur(cv2.resize(rgb, shape[::-1], interpolation=cv2.INTER_AREA), (0, 0), 1.5)
+    lightness, *hue = (part.astype(np.int64) for part in cv2.split(cv2.cvtColor(small, cv2.COLOR_RGB2LAB)))
+    colour = (lightness // 16 * 32 + hue[0] // 8) * 32 + hue[1] // 8
+    masks, shares = [one.on(shape) for one in some], []
+    free = ~np.any(masks, axis=0)
+    for one, mask in zip(some, masks, strict=True):
+        reach, (left, top, right, bottom) = max(3, int(np.sqrt(one.area))), one.box
+        ring = np.s_[max(0, top - reach) : bottom + reach, max(0, left - reach) : right + reach]
+        own, other = (np.bincount(c, minlength=2**14) for c in (colour[mask], colour[ring][free[ring]]))
+        shares.append(np.minimum(own / own.sum(), LEARNED.rarer * other / max(other.sum(), 1)).sum())
+    return np.asarray(np.interp(shares, LEARNED.explained, (0, 1)))
 
 
 def with_rest_of_set(objects: Segments) -> Segments:

@@ -4,8 +4,9 @@ Every patch that reaches into the hole looks for the known patch most like it, a
 both are repeated, from coarse to fine (Wexler et al. 2007, Space-time completion of video). Coarse scales compare
 every patch with every other; finer ones try the neighbours' places (Barnes et al. 2009, PatchMatch). The coarsest scale
 starts from two guesses: rows carried on level, and continued edges, which stay, with a harmonic fill between them. For
-each piece of the hole, the one goes on that is most like known patches and departs least from continued edges.
-Comparisons are sums of whole numbers below 2^24, so that their order, and the machine, changes nothing.
+each piece of the hole, the one goes on that is most like known patches and departs least from continued edges and from
+its surroundings. Comparisons are sums of whole numbers below 2^24, so that their order, and the machine, changes
+nothing.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 
 from physgen.maps import F32
 from physgen.perceive.inpaint.edge_continuation import continue_edges
-from physgen.perceive.inpaint.poisson import harmonic_fill, nearest_piece
+from physgen.perceive.inpaint.poisson import harmonic_fill, nearest_piece, seams
 from physgen.perceive.roles import Mask
 
 Places = NDArray[np.int64]
@@ -40,6 +41,7 @@ class _Tuning:
     same: float = 16.0  # levels up to which two guesses are one
     # where fills are compared: weight of levels by which one departs from continued edges; chosen on the tune half
     astray: float = 0.18
+    seam: float = 3.0  # ... and of seams
     # of search and vote: finest scale (a vote alone), the two above, others
     rounds: tuple[int, ...] = (1, 1, 3, 3)
     trust: float = 1.3  # a px deeper in the hole is this many times less trusted
@@ -51,6 +53,8 @@ class _Tuning:
     # px: a coarsest scale with more is halved again (photos over three times as wide as high)
     wide: int = 30_000
     grain_blur: float = 2.0  # px, standard deviation of the blur that separates grain from colour
+    grain_block: int = 16  # px a side of what is copied from one place
+    grain_most: float = 4.0  # times as strong as around the hole: more is no grain, but an edge
     grain_margin: int = 10  # px around the hole whose grain it takes on
     grain_gain: tuple[float, float] = (0.8, 1.6)  # by which its own grain is scaled, at least and at most
 
@@ -129,7 +133,7 @@ def _refined(fill: _Fill, search: _Search, k: int, keep: bool) -> _Fill:
 
 
 def _best_pieces(fills: list[_Fill], search: _Search) -> _Fill:
-    """Of each piece of the hole, the fill whose patches are most like known ones, and that keeps continued edges."""
+    """Of each piece of the hole, the fill whose patches are most like known ones; see TUNING."""
     level = search.level
     pieces, inside = nearest_piece(level.hole), level.hole
     at, weight = pieces[search.at[:, 0], search.at[:, 1]], search.trust[search.at[:, 0], search.at[:, 1]]
@@ -140,7 +144,8 @@ def _best_pieces(fills: list[_Fill], search: _Search) -> _Fill:
         cost = np.bincount(at, weight * np.sqrt(np.maximum(fill.cost, 0))) / count
         off = np.abs(fill.guess - level.picture).mean(2) * level.drawn
         astray = np.bincount(pieces[inside], off[inside], len(count)) / area
-        unlike.append(cost + TUNING.astray * astray)
+        seam = seams(fill.guess, level.picture, level.hole, pieces)
+        unlike.append(cost + TUNING.astray * astray + TUNING.seam * seam)
     at_best = np.argmin(unlike, axis=0)[pieces], *np.indices(pieces.shape)
     guess, alike, field = (
         np.stack([getattr(fill, name) for fill in fills])[at_best] for name in ("guess", "alike", "field")
@@ -380,14 +385,34 @@ def add_grain(guess: F32, picture: F32, hole: Mask, field: NDArray[np.int64]) ->
     near = np.maximum(cv2.GaussianBlur(known, (0, 0), TUNING.grain_blur), np.float32(1e-3))
     wide = cv2.GaussianBlur(picture * known[:, :, None], (0, 0), TUNING.grain_blur) / near[:, :, None]
     own = np.asarray(picture - wide, np.float32)
-    y, x = np.nonzero(hole)
-    fine = np.zeros_like(own)
-    fine[y, x] = own[field[y, x, 0], field[y, x, 1]]
     ring = cv2.dilate(hole.astype(np.uint8), _square(TUNING.grain_margin)) > 0
-    around, inside = _grain_strength(own[ring & ~hole]), _grain_strength(fine[hole])
+    around = _grain_strength(own[ring & ~hole])
+    fine, even = (own[place[..., 0], place[..., 1]] for place in (field, _in_blocks(field, hole)))
+    grain = np.maximum(np.abs(fine), np.abs(even)).max(axis=2) < TUNING.grain_most * around
+    fine = np.where(grain[:, :, None], even, fine)
+    inside = _grain_strength(fine[hole])
     if around > 0 and inside > 0:
         fine *= np.float32(np.clip(around / inside, *TUNING.grain_gain))
-    return np.where(hole[:, :, None], cv2.GaussianBlur(guess, (0, 0), TUNING.grain_blur) + fine, guess)
+    soft = cv2.GaussianBlur(guess, (0, 0), TUNING.grain_blur)
+    fine = np.where((grain | _coherent(field))[:, :, None], fine, guess - soft)
+    return np.where(hole[:, :, None], soft + fine, guess)
+
+
+def _coherent(field: NDArray[np.int64]) -> Mask:
+    """(H, W): where neighbours are copied from neighbours: an edge from many places is no line."""
+    off = (field - np.moveaxis(np.indices(field.shape[:2]), 0, -1)).astype(np.float32)
+    return np.asarray((cv2.dilate(off, _square(2)) - cv2.erode(off, _square(2))).max(axis=2) <= 2)
+
+
+def _in_blocks(field: NDArray[np.int64], hole: Mask) -> NDArray[np.int64]:
+    """`field`, but whole blocks of pixels as their middles, where that is known: one place for all makes a pattern."""
+    here, side = np.moveaxis(np.indices(hole.shape), 0, -1), TUNING.grain_block
+    last = np.array(hole.shape) - 1
+    middle = np.minimum(here // side * side + side // 2, last)
+    moved = here + field[middle[..., 0], middle[..., 1]] - middle
+    there = np.clip(moved, 0, last)
+    known = (there == moved).all(axis=2) & ~hole[there[..., 0], there[..., 1]]
+    return np.where(known[..., None], moved, field)
 
 
 def _grain_strength(fine: F32) -> float:

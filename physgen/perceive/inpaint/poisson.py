@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 ISLAND = 6  # px: gaps between objects narrower than this are mostly contact shadow
 FADE = 5.0  # px into the hole over which a difference at its border fades
+JUMP = 100.0  # levels of contrast that edges seldom have
 
 
 @dataclass(frozen=True)
@@ -32,18 +33,14 @@ class _Halo:
     """Of the photo's longer side: how far it may reach; half the kernel by which the paper dilates (appendix)."""
     edge: float = 0.1
     """Of the steepest slope across a mask's border: where it falls below, the blurred rim ends."""
-    within: int = 6
-    """px inside the border where the steepest slope may lie: coverage reaches over the edge."""
-    widest: int = 12
-    """px: widest rim that is measured."""
+    within: int = 6  # px inside the border where the steepest slope may lie: coverage reaches over the edge
+    widest: int = 12  # px: widest rim that is measured
     margin: int = 3
     """px beyond the measured rim: sharpening leaves a line there, and masks are off by as much."""
-    smooth: float = 1.5
-    """px, standard deviation of the blur over which photo and fill are compared."""
+    smooth: float = 1.5  # px, standard deviation of the blur over which photo and fill are compared
     levels: float = 3.0
     """Difference from another program's background from which one is seen on an even surface ..."""
-    loud: float = 2.0
-    """... and how many times as large as differences are by chance it is."""
+    loud: float = 2.0  # ... and how many times as large as differences are by chance it is
 
 
 HALO = _Halo()
@@ -179,6 +176,19 @@ def hole_pieces(hole: Mask) -> Iterator[tuple[tuple[slice, slice], Mask]]:
 def nearest_piece(hole: Mask) -> NDArray[np.int32]:
     """(H, W): the number, from 1 on, of the connected piece of `hole` that is nearest."""
     return np.asarray(cv2.distanceTransformWithLabels((~hole).astype(np.uint8), cv2.DIST_L2, 5)[1], np.int32)
+
+
+def seams(filled: F32, picture: F32, hole: Mask, pieces: NDArray[np.int32]) -> NDArray[np.float64]:
+    """Levels by which the contrast of `filled` and `picture` (H, W, 3) across the border of each piece of `hole` (H, W)
+    goes beyond that of most edges, on average; by piece. Not below the hole, where what carries an object may begin."""
+    known = np.where(hole, np.float32(0), np.float32(1))
+    around = np.array([[1, 1, 1], [1, 1, 1], [0, 0, 0]], np.float32) / 9
+    share = cv2.filter2D(known, -1, around)
+    sums = cv2.filter2D(picture * known[:, :, None], -1, around)
+    rim = hole & (share > 0.01)
+    beyond = np.maximum(np.abs(filled[rim] - sums[rim] / share[rim][:, None]).mean(1) - JUMP, 0)
+    most = int(pieces.max()) + 1
+    return np.bincount(pieces[rim], beyond, most) / np.maximum(np.bincount(pieces[rim], minlength=most), 1)
 
 
 def _pull_push(picture: F32, hole: Mask) -> F32:

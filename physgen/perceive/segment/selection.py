@@ -35,12 +35,10 @@ class SelectionConstants:
     """Bonus where three selected proposals have the same size and compactness: objects come in sets."""
     gap_penalty: float = 0.4
     """Penalty of a small proposal between larger selected ones: a gap, or a face of an object."""
-    outlier: float = 0.7
-    """Least score of a selected proposal, relative to the upper quartile of all."""
+    outlier: float = 0.7  # least score of a selected proposal, relative to the upper quartile of all
     working_area: int = 512 * 512
     """px searched; larger photos are reduced to it, and only outlines are fitted at full size."""
-    working_side: int = 4096
-    """px: the longest side searched, of a panorama."""
+    working_side: int = 4096  # px: the longest side searched, of a panorama
     areas: tuple[float, ...] = (0.0012, 0.22)
     """Of the photo: bounds of an object's area in the selection by edges."""
 
@@ -211,12 +209,9 @@ BAND = 0.08
 class TightenConstants:
     """Constants of the outlines."""
 
-    bend: float = 0.2
-    """Cost of one step sideways, against an edge support of 0..1."""
-    round: float = 0.025
-    """Relative deviation from its circle below which an outline becomes that circle."""
-    side: int = 16_384
-    """px: longer objects keep the rough outline, since OpenCV samples no larger images."""
+    bend: float = 0.2  # cost of one step sideways, against an edge support of 0..1
+    round: float = 0.025  # relative deviation from its circle below which an outline becomes that circle
+    side: int = 16_384  # px: longer objects keep the rough outline, since OpenCV samples no larger images
 
 
 TIGHTEN = TightenConstants()

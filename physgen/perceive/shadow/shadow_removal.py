@@ -64,9 +64,10 @@ class _Refill:
     gap: int = 6  # px: half the width of gaps between objects that are too dark to show anything
     near: int = 8  # px from an object within which shadows have entered the first fill
     deep: float = 0.45  # share of its light below which, near an object, nothing is seen in a shadow
-    # a fill that is so many times brighter in so large a share of a piece is another surface, no lit one
-    brighter: float = 12.0
-    share: float = 0.3
+    # a fill that is so many times more brighter than a shadow beside it was dark is another surface, no lit one; a
+    # part of either is left out, where they are compared
+    brighter: float = 1.5
+    outliers: float = 0.1
     visible: int = 3  # grey levels: a smaller change is no shadow
 
 
@@ -295,11 +296,13 @@ def refill_background(removed: Rgb, background: Rgb, coverage: F32, inpaint: Inp
     pieces = nearest_piece(hole)
     new = hole & np.isin(pieces, np.unique(pieces[hole & (near > 0)]))
     filled = inpaint(old, new)
-    other = (luminance(decode(filled)) > REFILL.brighter * (luminance(decode(old)) + 1e-3)).astype(float)
-    share = np.bincount(pieces[new], other[new], pieces.max() + 1) / np.bincount(
-        pieces[new], minlength=pieces.max() + 1
-    ).clip(1)
-    return np.where((new & (share < REFILL.share)[pieces])[..., None], filled, old)
+    brighter = (luminance(decode(filled)) + 1e-3) / (luminance(decode(old)) + 1e-3)
+    for piece in np.unique(pieces[new]):
+        mine, beside = new & (pieces == piece), changed & (covered == 0) & (pieces == piece)
+        if beside.any():
+            got, was = (np.quantile(part, 1 - REFILL.outliers) for part in (brighter[mine], 1 / left[beside]))
+            new &= ~mine | (got <= REFILL.brighter * was)
+    return np.where(new[..., None], filled, old)
 
 
 # assignment
