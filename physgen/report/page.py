@@ -17,7 +17,7 @@ from physgen.compile.world import World, pair_table
 from physgen.export.video import U8
 from physgen.files import resource
 from physgen.report.films import Film
-from physgen.report.html import script_json, template, webp
+from physgen.report.html import fitted, script_json, template, webp
 from physgen.report.parameters import (
     COLUMNS,
     arrows,
@@ -42,8 +42,8 @@ ELSEWHERE = {"failed", *REFINING}
 class PageLimits:
     """Sizes of the page's parts."""
 
-    photo_quality: int = 90
-    """Of the JPEG."""
+    photo_quality: int = 90  # of the WebP
+    photo_side: int = 16_383  # px: WebP's most
     most_contacts: int = 200
     """Rows of the table of contacts, the strongest."""
 
@@ -91,7 +91,7 @@ def report_page(
         duration=world.duration,
         film=film,
         refined=_refinement(record.refine),
-        photo=webp(first, LIMITS.photo_quality),
+        photo=webp(fitted(first, LIMITS.photo_side), LIMITS.photo_quality),
         view_box=f"-0.5 -0.5 {width} {height}",
         walls=[
             {

@@ -39,11 +39,11 @@ def test_part_of_a_ball_between_six_others_becomes_the_ball() -> None:
     labels = six.labels.copy()
     x, y = CENTER.astype(int)
     labels[y - 14 : y + 2, x - 12 : x + 6] = 7
-    labels[2:12, 2:22] = 8  # a block beside them stays
+    labels[160:, 2:62] = 8  # a block as thick as a ball, at the border, stays
     found = with_rest_of_set(Segments(labels, np.array([1, 1, 1, 1, 1, 1, 0.5, 0.6]), []))
     ball = found.labels == 1 + int(np.flatnonzero(found.confidence == 0.5)[0])
     assert abs(np.sqrt(ball.sum() / np.pi) - R) < 1.5
-    assert (found.labels == 1 + int(np.flatnonzero(found.confidence == 0.6)[0])).sum() == 200
+    assert (found.labels == 1 + int(np.flatnonzero(found.confidence == 0.6)[0])).sum() == 1200
 
 
 def test_discs_of_many_sizes_are_no_set() -> None:

@@ -124,8 +124,10 @@ def with_rest_of_set(objects: Segments) -> Segments:
             depth = cv2.distanceTransform(padded, cv2.DIST_L2, 5)[1:-1, 1:-1] * free
             if LEARNED.room[0] * radius <= depth.max() <= LEARNED.room[1] * radius:
                 y, x = _center_of_room(places[-1], free, radius)
-                labels[(np.hypot(columns - x, rows - y) <= radius) & places[-1]] = k
-                return True
+                disc = (np.hypot(columns - x, rows - y) <= radius) & places[-1]
+                if np.count_nonzero(free & disc) > LEARNED.inside * np.count_nonzero(free):
+                    labels[free], labels[disc] = 0, k
+                    return True
         return False
 
     for k in uneven:
@@ -206,8 +208,7 @@ def joined(found: Candidates, fit: NDArray[np.float64], best: NDArray[np.intp]) 
 
 def typical(found: Candidates, fit: NDArray[np.float64], best: NDArray[np.intp]) -> NDArray[np.intp]:
     """The selected candidates, each replaced by that one of its like which agrees most with the others, where it leaves
-    the rest free: of many alike, the best by a noisy `fit` (n,) is mostly too large. Its fit becomes at least theirs.
-    """
+    the rest free: of many alike, the best by a noisy `fit` (n,) is mostly too large. Its fit becomes theirs."""
     some = found.proposals
     pool = np.flatnonzero(fit > LEARNED.threshold)
     for n, k in enumerate(best.tolist()):
@@ -215,7 +216,7 @@ def typical(found: Candidates, fit: NDArray[np.float64], best: NDArray[np.intp])
         middle = alike[int(agreement([some[j] for j in alike], fit[alike]).argmax())]
         rest = (some[j] for j in np.delete(best, n).tolist())
         if all(overlap(some[middle], one) <= SHARED * min(some[middle].area, one.area) for one in rest):
-            fit[middle] = max(fit[middle], fit[k])
+            fit[middle] = fit[k]
             best[n] = middle
     return best
 

@@ -387,32 +387,35 @@ def add_grain(guess: F32, picture: F32, hole: Mask, field: NDArray[np.int64]) ->
     own = np.asarray(picture - wide, np.float32)
     ring = cv2.dilate(hole.astype(np.uint8), _square(TUNING.grain_margin)) > 0
     around = _grain_strength(own[ring & ~hole])
-    fine, even = (own[place[..., 0], place[..., 1]] for place in (field, _in_blocks(field, hole)))
-    grain = np.maximum(np.abs(fine), np.abs(even)).max(axis=2) < TUNING.grain_most * around
-    fine = np.where(grain[:, :, None], even, fine)
-    inside = _grain_strength(fine[hole])
+    y, x = np.nonzero(hole)
+    fine, even = (own[rows, columns] for rows, columns in (field[y, x].T, _in_blocks(field, hole).T))
+    grain = np.maximum(np.abs(fine), np.abs(even)).max(axis=1) < TUNING.grain_most * around
+    fine = np.where(grain[:, None], even, fine)
+    inside = _grain_strength(fine)
     if around > 0 and inside > 0:
         fine *= np.float32(np.clip(around / inside, *TUNING.grain_gain))
-    soft = cv2.GaussianBlur(guess, (0, 0), TUNING.grain_blur)
-    fine = np.where((grain | _coherent(field))[:, :, None], fine, guess - soft)
-    return np.where(hole[:, :, None], soft + fine, guess)
+    copied = (grain | _coherent(field)[y, x])[:, None]
+    result = guess.copy()
+    result[y, x] = np.where(
+        copied, cv2.GaussianBlur(guess, (0, 0), TUNING.grain_blur)[y, x] + fine, guess[y, x]
+    )
+    return result
 
 
 def _coherent(field: NDArray[np.int64]) -> Mask:
     """(H, W): where neighbours are copied from neighbours: an edge from many places is no line."""
-    off = (field - np.moveaxis(np.indices(field.shape[:2]), 0, -1)).astype(np.float32)
+    off = field.astype(np.float32) - np.moveaxis(np.indices(field.shape[:2], np.float32), 0, -1)
     return np.asarray((cv2.dilate(off, _square(2)) - cv2.erode(off, _square(2))).max(axis=2) <= 2)
 
 
-def _in_blocks(field: NDArray[np.int64], hole: Mask) -> NDArray[np.int64]:
-    """`field`, but whole blocks of pixels as their middles, where that is known: one place for all makes a pattern."""
-    here, side = np.moveaxis(np.indices(hole.shape), 0, -1), TUNING.grain_block
-    last = np.array(hole.shape) - 1
+def _in_blocks(field: NDArray[np.int64], hole: Mask) -> Places:
+    """`field` at each pixel of the hole, but whole blocks as their middles, where that is known: else patterns show."""
+    here, side, last = np.argwhere(hole), TUNING.grain_block, np.array(hole.shape) - 1
     middle = np.minimum(here // side * side + side // 2, last)
-    moved = here + field[middle[..., 0], middle[..., 1]] - middle
+    moved = here + field[middle[:, 0], middle[:, 1]] - middle
     there = np.clip(moved, 0, last)
-    known = (there == moved).all(axis=2) & ~hole[there[..., 0], there[..., 1]]
-    return np.where(known[..., None], moved, field)
+    known = (there == moved).all(axis=1) & ~hole[there[:, 0], there[:, 1]]
+    return np.where(known[:, None], moved, field[here[:, 0], here[:, 1]])
 
 
 def _grain_strength(fine: F32) -> float:

@@ -299,9 +299,9 @@ def refill_background(removed: Rgb, background: Rgb, coverage: F32, inpaint: Inp
     brighter = (luminance(decode(filled)) + 1e-3) / (luminance(decode(old)) + 1e-3)
     for piece in np.unique(pieces[new]):
         mine, beside = new & (pieces == piece), changed & (covered == 0) & (pieces == piece)
-        if beside.any():
-            got, was = (np.quantile(part, 1 - REFILL.outliers) for part in (brighter[mine], 1 / left[beside]))
-            new &= ~mine | (got <= REFILL.brighter * was)
+        most = np.quantile(1 / left[beside], 1 - REFILL.outliers) if beside.any() else 0.0
+        if np.quantile(brighter[mine], 1 - REFILL.outliers) > REFILL.brighter * most:
+            new &= ~mine
     return np.where(new[..., None], filled, old)
 
 
