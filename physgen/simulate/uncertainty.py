@@ -27,30 +27,23 @@ from physgen.text import rounded
 
 Flags = NDArray[np.bool_]
 
-RATE = 120.0
-"""Samples per second that outcomes are derived from."""
-KEPT_SAMPLES = 121
-"""Samples of a draw that are kept, at most, evenly over its time."""
-TIP_ANGLE = radians(45)
-"""An object turned further stands on another side."""
+RATE = 120.0  # samples per second that outcomes are derived from
+KEPT_SAMPLES = 121  # samples of a draw that are kept, at most, evenly over its time
+TIP_ANGLE = radians(45)  # an object turned further stands on another side
 SIZE_SHARE = 0.5
 """Of its size: an object that goes no further stays, and one that comes down by no more does not fall."""
 
 
-COLUMNS = ("fate", "x_px", "y_px", "angle_degrees")
-"""Of each object in the table."""
+COLUMNS = ("fate", "x_px", "y_px", "angle_degrees")  # of each object in the table
 
 
 class Fate(IntEnum):
     """What becomes of an object; where several hold, the largest."""
 
-    STAYS = 0
-    """It never goes further from its place than half its size."""
+    STAYS = 0  # it never goes further from its place than half its size
     MOVES = 1
-    LEAVES = 2
-    """At the end, no part of it is in the photo."""
-    FALLS = 3
-    """It tips over or drops."""
+    LEAVES = 2  # at the end, no part of it is in the photo
+    FALLS = 3  # it tips over or drops
 
 
 @dataclass(frozen=True)
@@ -215,10 +208,8 @@ def _outside(world: World, poses: Array) -> Flags:
     return np.asarray(out)
 
 
-LEVEL = 0.95
-"""Of confidence intervals."""
-MOST = 0.9
-"""Share of the draws that a radius holds."""
+LEVEL = 0.95  # of confidence intervals
+MOST = 0.9  # share of the draws that a radius holds
 VERBS = {Fate.STAYS: "stays", Fate.MOVES: "moves", Fate.LEAVES: "leaves the photo", Fate.FALLS: "falls"}
 
 
