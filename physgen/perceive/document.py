@@ -57,6 +57,7 @@ PERHAPS = 0.2
 """Confidence from which a region is worth a line."""
 LIKELY = 0.1
 """Chance from which another label is named."""
+TABLE = {"friction": 0.2}  # what is written where it is seen from above
 SCHEMA = "scene-1.schema.json"
 """Copied into the assets, so that editors complete and check the scene wherever it lies, offline too."""
 MOTION_BLUR = 0.5
@@ -342,7 +343,7 @@ def scene_comments(
         "objects": f"{counts}, {how}, counted from left to right{left_out}",
     }
     if boundaries.view is View.TOP:
-        comments["world.table"] = "friction cannot be seen: 0 lets objects glide for ever, 0.2 is cloth"
+        comments["world.table"] = "friction cannot be seen: 0.2 is cloth, 0 lets objects glide for ever"
     if found.doubtful:
         comments["doubtful"] = "perhaps objects, too: move a line to objects to have one"
     return comments | {

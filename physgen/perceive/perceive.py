@@ -343,7 +343,7 @@ def _world(boundaries: BoundaryGuess, pixels_per_meter: float, shadows: Shadows)
     per_meter = document.short(pixels_per_meter)
     world: dict[str, Any] = {"view": boundaries.view.value, "pixels_per_meter": per_meter}
     if boundaries.view is View.TOP:
-        world["table"] = {"friction": 0}
+        world["table"] = dict(document.TABLE)
     return world | document.view_entry(shadows, boundaries.view is View.SIDE)
 
 

@@ -15,6 +15,7 @@ from zlib import crc32
 import numpy as np
 
 from physgen.geometry.scale import PAPER_SCALE
+from physgen.perceive import document
 from physgen.perceive.roles import Detections, Labels, Name, Rgb
 from physgen.perceive.segment.prompts import Box, Point, Segmenter, from_prompts
 from physgen.scene.files import Record, equal, recorded
@@ -33,8 +34,6 @@ PIXEL_KEYS = ("mask", "shape", "prompt")
 """Keys of an object that follow its pixels."""
 LINES, SAME = {"segment", "polyline"}, 3.0
 """Keys of a boundary's points; px up to which those that are found again differ."""
-GLIDING = {"friction": 0}
-"""The table that perception writes where it is seen from above."""
 Entry = Mapping[str, Any]
 """One object or boundary of the scene's data."""
 
@@ -156,7 +155,7 @@ def merge_documents(
     world, seen = dict(old.get("world", {})), new["world"]
     if scaled and seen["pixels_per_meter"] != world.get("pixels_per_meter", PAPER_SCALE):
         world["pixels_per_meter"] = seen["pixels_per_meter"]
-    if "table" not in seen and world.get("table") == GLIDING:  # seen from the side now
+    if "table" not in seen and world.get("table") == document.TABLE:  # seen from the side now
         del world["table"]
     if "table" in seen and "table" not in world and seen["view"] != record.world.get("view"):
         world["table"] = seen["table"]

@@ -47,7 +47,9 @@ class _Trial:
     slender: float = 1.5  # times width over height: of the speed, for what topples before it slides
     gentlest: float = 0.3  # of the speed, at least
     harder: tuple[float, ...] = (1.0, 1.5, 2.5)
-    """Times the ordinary speed, tried in turn until something moves half as far as counts in full, or many do."""
+    """Times the ordinary speed, tried in turn until something moves half as far as counts in full, or many do, and,
+    seen from above, until no tenth more is shown: a rack wants a break."""
+    worth: float = 1.1
     many: float = 2.0
     """What is shown by a far motion of one object, and all still in the picture; many short ones are as much."""
 
@@ -98,9 +100,10 @@ def default_push(scene: Scene, shapes: Shapes, sure: Mapping[str, float]) -> Pus
             tried.append((shown, Push(item.name, velocity, _comment(way))))
             farthest = max(farthest, way_gone)
         now = max((shown for shown, _ in tried), default=0.0)
-        if now > most:
+        more = now > TRIAL.worth * most
+        if more:
             best, most = next(push for shown, push in tried if shown >= TRIAL.enough * now), now
-        if farthest >= TRIAL.far / 2 or most >= TRIAL.many:
+        if (farthest >= TRIAL.far / 2 or most >= TRIAL.many) and not (more and scene.world.view is View.TOP):
             break
     return best
 

@@ -28,45 +28,31 @@ Ids = NDArray[np.int64]
 class BallTuning:
     """Thresholds of the separation of a ball into colour, gloss and shading."""
 
-    paints: int = 5
-    """At most, on one ball."""
-    dim: float = 0.03
-    """Linear light below which colours hardly tell paints apart."""
-    most_pixels: int = 500
-    """Of a ball, that are asked."""
+    paints: int = 5  # at most, on one ball
+    dim: float = 0.03  # linear light below which colours hardly tell paints apart
+    most_pixels: int = 500  # of a ball, that are asked
     rounds: int = 4
-    stiff: float = 0.02
-    """Weight, in shares of the ball's pixels, that keeps shading near Lambert's."""
+    stiff: float = 0.02  # weight, in shares of the ball's pixels, that keeps shading near Lambert's
     odd: float = 0.15
     """Departure in log light from which a pixel counts less: a highlight, a seam, a mixed pixel."""
-    same: float = 0.25
-    """Distance in log light up to which two paints are one."""
+    same: float = 0.25  # distance in log light up to which two paints are one
     undecided: float = 0.4
     """Of the distance to the second nearest paint, beyond which a pixel is hardly nearer to the first."""
-    most_departure: float = 1.0
-    """Of the departure from Lambert, in log light."""
-    darkest: float = 0.18
-    """Of full light: where less falls, the photo's own darkness is taken for the skin's."""
-    painted: float = 0.4
-    """Share of pixels between paints up to which a ball is taken for a painted one."""
+    most_departure: float = 1.0  # of the departure from Lambert, in log light
+    darkest: float = 0.18  # of full light: where less falls, the photo's own darkness is taken for the skin's
+    painted: float = 0.4  # share of pixels between paints up to which a ball is taken for a painted one
     plainly: float = 0.6
     """Slope of a ball's brightness over its predicted shading from which the light is taken as it is."""
-    brighter: float = 1.6
-    """Than all that is seen of a ball, that its skin may be."""
+    brighter: float = 1.6  # than all that is seen of a ball, that its skin may be
     rim_light: float = 0.85
     """Of the radius: farther out the photo's own brightness is separated from the model's."""
-    even: float = 0.08
-    """Of the radius over which it is evened out."""
-    fades: float = 1.6
-    """By how much it may differ."""
-    plain: float = 0.25
-    """Departure of log light from an even change, up to which a ball is of one colour."""
+    even: float = 0.08  # of the radius over which it is evened out
+    fades: float = 1.6  # by how much it may differ
+    plain: float = 0.25  # departure of log light from an even change, up to which a ball is of one colour
     gloss_width: float = 0.5
     """Of the radius: what outshines its surroundings over no more than this, in any direction, may be a highlight."""
-    gloss_least: float = 0.6
-    """Linear light that the dimmest channel of a highlight has at least."""
-    outshines: float = 1.2
-    """Times the brightest paint elsewhere on the ball that a highlight has at least."""
+    gloss_least: float = 0.6  # linear light that the dimmest channel of a highlight has at least
+    outshines: float = 1.2  # times the brightest paint elsewhere on the ball that a highlight has at least
     gloss_cosine: float = 0.80
     """Of the angle between a highlight's normal and the mirror's direction, at least."""
 
@@ -191,12 +177,10 @@ class Ball:
     gloss: F32
     """(h, w, 3) linear, of either sign: highlights, and what skin and Lambert's law do not tell; it does not turn."""
     light: DistantLight
-    even: F32 | None = None
-    """(8, 3) of `paints.basis`: log of what light does beyond Lambert's law."""
+    even: F32 | None = None  # (8, 3) of `paints.basis`: log of what light does beyond Lambert's law
     trust: float = 1.0
     """0..1: how far the photo shows this light on it; the power that Lambert's shading is raised to."""
-    fade: F32 | None = None
-    """(h, w) by which the light at the rim differs from that; it does not turn."""
+    fade: F32 | None = None  # (h, w) by which the light at the rim differs from that; it does not turn
 
     def shade(self, u: F32, v: F32, z: F32) -> F32:
         """(h, w, 3) shading of the normals (u, v, z to the viewer)."""

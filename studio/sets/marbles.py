@@ -170,7 +170,7 @@ def stage() -> Stage:
 
     def sections(c: Camera) -> dict:
         return {
-            "render": {"frames": 90, "fps": 30},
+            "render": {"frames": 108, "fps": 30},
             "variants": {
                 "pushed": {"forces": [{"object": "trough", "impulse": c.push((0.085, 0))}]},
                 "rough": {"objects.*.friction": 0.6},
@@ -194,7 +194,7 @@ def stage() -> Stage:
         scenery,
         lights,
         {"table": Boundary([(-2, 0), (2, 0)], 0.3, 0.3)},
-        duration=2.0,
+        duration=2.4,
         softness=16,
         exposure=1.8,
         depth=10,

@@ -118,6 +118,18 @@ def test_what_is_not_sure_is_named_by_shape(photo) -> None:
     assert source(entry["from"]["label"]).sure == 0.5
 
 
+@pytest.mark.parametrize(("name", "label"), [("billiards", "billiard ball"), ("curling", "ball")])
+def test_what_is_round_on_a_pool_table(name: str, label: str) -> None:
+    """Both photos show round things from above; a rack of balls has its true size, 700 px/m."""
+    scene = ROOT / "scenes" / name
+    rgb = cv2.imread(str(scene / "photo.png"))[..., ::-1]
+    masks = cv2.imread(str(scene / "photo.assets/masks.png"), cv2.IMREAD_UNCHANGED)
+    found = perceive(np.ascontiguousarray(rgb), from_masks(masks)).document
+    assert label in {item["label"] for item in found["objects"].values()}
+    assert all(item["label"] == label for item in found["objects"].values()) or name == "curling"
+    assert (found["world"]["pixels_per_meter"] == pytest.approx(700, rel=0.02)) is (name == "billiards")
+
+
 def test_specks_are_not_shown_to_the_network(monkeypatch, photo) -> None:
     monkeypatch.setattr(naming, "features", lambda shown: pytest.fail("it was asked"))
     rgb = np.zeros((40, 40, 3), np.uint8)

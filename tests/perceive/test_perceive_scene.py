@@ -123,7 +123,7 @@ def test_told_things_win():
     rgb, labels = desk()
     found = perceive(rgb, from_masks(labels, {7: "tennis ball"}), view=View.TOP, pixels_per_meter=600)
     assert found.document["world"]["view"] == "top"
-    assert found.document["world"]["table"] == {"friction": 0}
+    assert found.document["world"]["table"] == {"friction": 0.2}
     assert found.document["boundaries"] == {}
     assert found.document["world"]["pixels_per_meter"] == 600
     ball = found.document["objects"]["tennis-ball-1"]

@@ -55,13 +55,15 @@ def test_a_ball_with_a_run_up_breaks_the_others(tmp_path: Path) -> None:
     )
     path = tmp_path / "scene.yaml"
     path.write_text(
-        f"physgen: 1\nsize: [400, 200]\nworld: {{view: top, pixels_per_meter: 800}}\nobjects:\n{objects}"
+        f"physgen: 1\nsize: [400, 200]\nworld: {{view: top, pixels_per_meter: 800, table: {{friction: 0.3}}}}\n"
+        f"objects:\n{objects}"
     )
     scene = pipeline.load(path)
     push = default_push(scene, shapes_of(scene, None), {})
     assert push is not None
     assert push.name == "b0"
     assert push.velocity == pytest.approx((np.hypot(*push.velocity), 0), abs=1)
+    assert push.velocity[0] > 1.4 * push_speed(400, 800), "a break is harder than a push"
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.geometry.polygon import Disc
 from physgen.maps import F32
 from physgen.perceive.backends.label_shape import shape
 from physgen.perceive.roles import Label, Labels, Mask, Name, PhotoObject, Rgb
@@ -31,21 +32,21 @@ NETWORK, HEADS = "names.onnx", "names.npz"
 class CropConstants:
     """How an object is shown to the network."""
 
-    side: int = 224
-    """px, the network's own size."""
-    margin: float = 0.1
-    """Of the object's longer side, around it."""
-    dim: float = 0.35
-    """Contrast of the background: surroundings help, neighbours confuse."""
+    side: int = 224  # px, the network's own size
+    margin: float = 0.1  # of the object's longer side, around it
+    dim: float = 0.35  # contrast of the background: surroundings help, neighbours confuse
     middle: float = 127.0
     """8-bit code that the dimmed background tends to; the network's input is (code - middle) / spread."""
     spread: float = 128.0
-    least: int = 200
-    """px: smaller objects are named by shape."""
-    likely: int = 3
-    """Names that are kept beside the label."""
-    floor: float = 0.01
-    """Probability below which they are not."""
+    least: int = 200  # px: smaller objects are named by shape
+    likely: int = 3  # names that are kept beside the label
+    floor: float = 0.01  # probability below which they are not
+    pool_table: int = 736
+    """ImageNet's class. A photo with so many round objects and this probability of the class or more is one."""
+    rack: int = 3
+    pool: float = 0.3
+    certain: float = 0.75
+    """Confidence of what is round on it; of 182 photos without a pool table none has more than 0.2."""
 
 
 CROP = CropConstants()
@@ -93,6 +94,7 @@ def _imagenet(rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]) -> Mappi
     if not large:
         return names
     head = heads()
+    pool = _pool(rgb, [item.id for item in objects if isinstance(item.outline, Disc)], head)
     seen = head.chances(np.stack([features(crop(rgb, labels == i)) for i in large]))
     for i, chances, sureness in zip(large, *seen, strict=True):
         best = np.argsort(-chances[:-1])[: CROP.likely + 1]
@@ -101,7 +103,19 @@ def _imagenet(rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]) -> Mappi
             names[i] = Name(likely[0][0], round(float(sureness), 2), tuple(likely[1:]), "imagenet")
         else:
             names[i] = replace(names[i], likely=tuple(likely[: CROP.likely]))
+        if i in pool:
+            names[i] = pool[i]
     return names
+
+
+def _pool(rgb: Rgb, round_ones: Sequence[int], head: Heads) -> dict[int, Name]:
+    """What is round on a pool table: the photo as a whole tells, a ball alone could be any."""
+    if len(round_ones) < CROP.rack:
+        return {}
+    whole = cv2.resize(rgb, (CROP.side, CROP.side), interpolation=cv2.INTER_AREA).astype(np.float32)
+    chances = _softmax(features(whole)[None] @ head.weights.T + head.bias)[0]
+    name = Name("billiard ball", CROP.certain, (), "imagenet")
+    return dict.fromkeys(round_ones, name) if chances[CROP.pool_table] >= CROP.pool else {}
 
 
 def crop(rgb: Rgb, mask: Mask) -> F32:

@@ -20,12 +20,9 @@ from physgen.perceive.roles import Label, Labels, Name, PhotoObject, Rgb
 class ShapeConstants:
     """Constants of the names."""
 
-    boxy: float = 0.88
-    """Least share of its smallest bounding box that a block covers."""
-    long: float = 8.0
-    """Length over width from which a block is a stick."""
-    alike: float = 0.9
-    """Least common share of a bottle's outline and its mirror image."""
+    boxy: float = 0.88  # least share of its smallest bounding box that a block covers
+    long: float = 8.0  # length over width from which a block is a stick
+    alike: float = 0.9  # least common share of a bottle's outline and its mirror image
 
 
 SHAPE = ShapeConstants()
