@@ -56,8 +56,8 @@ def sheet(name: str) -> np.ndarray:
     return np.vstack([row(true), row(ours)])
 
 
-HERO, HERO_WIDE, HERO_FPS = "billiards", 640, 20
-"""Scene, width in px and frames a second of the README's animation."""
+HERO, HERO_WIDE, HERO_FPS, HERO_SECONDS = "billiards", 640, 20, 2
+"""Scene, width in px, frames a second and length of the README's animation."""
 HOLD = 16
 """Frames for which its photo, and the outlines with the push, stand still."""
 FOUND = {"billiards": True, "dominoes": True, "pendulum": False, "cans": False}
@@ -69,7 +69,7 @@ def hero() -> list[np.ndarray]:
     scene = pipeline.load(ROOT / "scenes" / HERO / "scene.yaml")
     maps = pipeline.percepts(scene)
     compiled = pipeline.compile(scene, maps)
-    trajectory = simulate(compiled.world, np.arange(0, scene.world.duration, 1 / HERO_FPS))
+    trajectory = simulate(compiled.world, np.arange(0, HERO_SECONDS, 1 / HERO_FPS))
     drawn = list(pipeline.render(pipeline.stage(scene, compiled, maps), trajectory))
     marked = next(
         annotate_frames(iter(drawn[:1]), compiled.world, trajectory, (Overlay.OUTLINES, Overlay.VELOCITY))

@@ -35,14 +35,11 @@ class ShadowModel:
 
     sky: float = 0.5
     """By how much more ambient light falls on what faces up: skies and ceilings are brighter than floors."""
-    levels: int = 10
-    """Heights at which an object's silhouette is looked at."""
-    finer: int = 2
-    """Lines of the floor in a row of pixels: seen from the side, a row is deep."""
+    levels: int = 10  # heights at which an object's silhouette is looked at
+    finer: int = 2  # lines of the floor in a row of pixels: seen from the side, a row is deep
     sunk: float = 3.0
     """px by which an object's picture may reach farther below its floor than its thickness implies."""
-    far: float = 1e4
-    """px: a sky without anything in it."""
+    far: float = 1e4  # px: a sky without anything in it
     under: float = 0.9
     beside: float = 0.4
     """Of the sky that an object hides, what it does not give back by its own light: from under it, and beside it."""
@@ -97,10 +94,8 @@ class Silhouette:
     """px that it reaches through the plane of motion (side view), or above the table (top view)."""
     floor: float | None
     """Side view: the row, px, at which the floor below it is; None where nothing lies below."""
-    ends: tuple[float, float] = (-inf, inf)
-    """The columns, px, between which that floor goes on."""
-    id: int = 0
-    """Of the object in the label map; 0 where it is not needed, or where it is several."""
+    ends: tuple[float, float] = (-inf, inf)  # the columns, px, between which that floor goes on
+    id: int = 0  # of the object in the label map; 0 where it is not needed, or where it is several
 
     @cached_property
     def rows(self) -> NDArray[np.intp]:

@@ -172,7 +172,8 @@ def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
         sprites = flat_sprites(world, outlines, order, large)
         return Stage(flat_background(world, large), sprites, supersample=fine, scale=large)
     coverage, background = filled(maps, compiled.labels, compiled.scenery)
-    absent = (maps.cut_out > 0) & (compiled.labels == 0) & ~compiled.scenery
+    doubtful = [one["mask"] for one in scene.document.get("doubtful", {}).values()]
+    absent = (maps.cut_out > 0) & (compiled.labels == 0) & ~compiled.scenery & ~np.isin(maps.labels, doubtful)
     with single_threaded():
         shapes = compiled.shapes.outlines
         sprites = cut_sprites(maps.rgb, compiled.labels, absent, coverage, background, order, shapes, layers)

@@ -35,6 +35,7 @@ from physgen.render.stage import (
     draw_halo,
     draw_sprite,
     enlarged_poses,
+    halos_left,
     place_sprite,
     sprite_coverage,
     sprite_poses,
@@ -169,22 +170,17 @@ class Picture:
     """(h, w)."""
     rest: tuple[Slices, F32] | None
     """A box and (h, w, 3) what the photo shows there beyond light and background; as bright as the background is."""
-    factor: F32 | None = None
-    """(h, w) by which `light` was multiplied for the shadows of others."""
+    factor: F32 | None = None  # (h, w) by which `light` was multiplied for the shadows of others
 
 
 @dataclass(frozen=True)
 class ExposureTuning:
     """How finely an exposure is divided."""
 
-    sharp: float = 0.5
-    """px of motion that no exposure shows."""
-    step: float = 2.0
-    """px that any point of an object moves between two of its pictures."""
-    shadow: float = 8.0
-    """px that its shadow moves, which is softer."""
-    shadows: int = 4
-    """Of an object in an exposure, at most."""
+    sharp: float = 0.5  # px of motion that no exposure shows
+    step: float = 2.0  # px that any point of an object moves between two of its pictures
+    shadow: float = 8.0  # px that its shadow moves, which is softer
+    shadows: int = 4  # of an object in an exposure, at most
 
 
 EXPOSURE = ExposureTuning()
@@ -228,8 +224,10 @@ def render_frames(
             for box in boxes_of_tiles([a & ~b for a, b in zip(before, relit, strict=True)], size):
                 canvas[box] = left.light[box]
             touched = boxes_of_tiles(relit, size)
+            around_them = halos_left(stage.sprites, stands)
             for picture in pictures:
-                if (around := draw_halo(stage.sprites[picture.stand.k], picture.stand)) is not None:
+                sprite = stage.sprites[picture.stand.k]
+                if (around := draw_halo(sprite, picture.stand, around_them)) is not None:
                     shadows.add_border(canvas, *around)
                     touched.append(around[0])
             drawn = {picture.stand.k: picture for picture in pictures}

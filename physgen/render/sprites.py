@@ -64,44 +64,30 @@ class SpriteTuning:
 
     facing: float = 0.02
     """Of the shading, by which it must change somewhere for the normals to be worth keeping."""
-    soft: int = 5
-    """px beyond a mask's border that its soft coverage may reach."""
-    blur: float = 1.2
-    """px: how gently coverage far from all masks is shared."""
-    crisp: float = 0.5
-    """px: how gently touching objects share the pixels along their border."""
-    distant: float = 1e-3
-    """Weight of BLUR's share beside CRISP's."""
-    least: float = 1e-4
-    """Of a mask's blur: with BLUR, what is left of it 4.4 px beyond the border."""
+    soft: int = 5  # px beyond a mask's border that its soft coverage may reach
+    blur: float = 1.2  # px: how gently coverage far from all masks is shared
+    crisp: float = 0.5  # px: how gently touching objects share the pixels along their border
+    distant: float = 1e-3  # weight of BLUR's share beside CRISP's
+    least: float = 1e-4  # of a mask's blur: with BLUR, what is left of it 4.4 px beyond the border
     clean: int = 2
     """px inside the border where the photo shows the object alone, unmixed with what is behind it."""
-    halo: float = 40 / 512
-    """Of the photo's longer side: how far around an object its blurred rim may reach."""
-    shared: float = 5.0
-    """px: how gently neighbours share what the photo shows between them."""
-    unseen: float = 1e-4
-    """Of linear light: less is no difference from the photo."""
-    touching: int = 4
-    """px from an object's pixels up to which another one touches it."""
+    halo: float = 40 / 512  # of the photo's longer side: how far around an object its blurred rim may reach
+    shared: float = 5.0  # px: how gently neighbours share what the photo shows between them
+    unseen: float = 1e-4  # of linear light: less is no difference from the photo
+    touching: int = 4  # px from an object's pixels up to which another one touches it
+    gap: int = 10  # px from an object up to which what is dark beside it may be another one's doing, too
     seen: float = 0.2
     """Of an object's mask that must lie apart from others, for their rims to be left out of what is continued."""
     covered: float = 0.2
     """Share of light that objects in front let through, below which all that a pixel shows is theirs."""
     beside: float = 0.35
     """Of an object's size (root of its mask's area): how far what the lens sees of it may lie beside its shape."""
-    face: float = 0.35
-    """Of that: how far above its shape a face of it that is seen on one side only."""
-    flat: float = 2.0
-    """px by which the top of a shape may rise and be level."""
-    texture: float = 3.0
-    """px: what is finer is texture, what is coarser is shading."""
-    glint: float = 2.0
-    """Times its mean: what texture stands out more is no texture."""
-    dark: float = 0.003
-    """Of linear light, below which levels are alike."""
-    sides: int = 12
-    """Of the shape that stands for a sprite where only its reach matters."""
+    face: float = 0.35  # of that: how far above its shape a face of it that is seen on one side only
+    flat: float = 2.0  # px by which the top of a shape may rise and be level
+    texture: float = 3.0  # px: what is finer is texture, what is coarser is shading
+    glint: float = 2.0  # times its mean: what texture stands out more is no texture
+    dark: float = 0.003  # of linear light, below which levels are alike
+    sides: int = 12  # of the shape that stands for a sprite where only its reach matters
 
 
 CUT = SpriteTuning()
@@ -188,12 +174,11 @@ class Sprite:
     """(h, w) in 0..1."""
     rest: F32 | None = None
     """(h, w, 3) linear: what the photo shows here beyond light and background, at the border alone; of either sign."""
-    halo: tuple[tuple[int, int], F32] | None = None
-    """The same around the object, where it covers nothing: a photo column and row, and (h, w, 3) linear."""
-    ball: Ball | None = None
-    """Of a sphere: its skin, which turns in space; `light` then holds at t = 0 alone."""
-    relief: Relief | None = None
-    """Of what is no ball: the normals that turn with it, where they are known."""
+    halo: tuple[tuple[int, int], F32, NDArray[np.int32]] | None = None
+    """The same around the object, where it covers nothing: a photo column and row, (h, w, 3) linear, and (h, w)
+    1 + the body that is near, too; as it goes, so does the halo. 0: none."""
+    ball: Ball | None = None  # of a sphere: its skin, which turns in space; `light` then holds at t = 0 alone
+    relief: Relief | None = None  # of what is no ball: the normals that turn with it, where they are known
     hider: NDArray[np.int32] | None = None
     """(h, w): 1 + the body that touches the object here in the photo; as it goes, so does `rest`. 0: none."""
 
@@ -440,7 +425,8 @@ def anchored(
     if owner is not None:
         near = np.where(owner > 0, owner, near)
     near[(top > 0) | (np.maximum.reduce(cv2.split(np.abs(rest))) <= CUT.unseen)] = 0
-    all_near, pad = _soft(near > 0, CUT.shared), ceil(4 * CUT.shared)
+    all_near, pad = _soft(near > 0, CUT.shared), max(ceil(4 * CUT.shared), CUT.gap)
+    none, bodies = np.zeros_like(absent), np.array([0, *(sprite.body + 1 for sprite in sprites)], np.int32)
     found = []
     for number, (sprite, inside, place) in enumerate(zip(sprites, insides, places, strict=True), 1):
         own = np.zeros_like(sprite.light)
@@ -454,7 +440,8 @@ def anchored(
             share = np.where(
                 near[there] > 0, _soft(mine[there], CUT.shared) / np.maximum(all_near[there], 1e-6), 0
             )
-            halo = (x0, y0), np.asarray(share[..., None] * rest[there], np.float32)
+            beside = _nearest(np.where(top[there] == number, 0, top[there]), none[there], CUT.gap)
+            halo = (x0, y0), np.asarray(share[..., None] * rest[there], np.float32), bodies[beside]
         found.append(replace(sprite, rest=own, halo=halo))
     return found
 

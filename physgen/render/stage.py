@@ -168,19 +168,28 @@ def draw_border(sprite: Sprite, where: Placement, left: NDArray[np.float32]) -> 
     return box, np.asarray(np.float32(where.rest) * border, np.float32)
 
 
-def draw_halo(sprite: Sprite, stand: SpritePose) -> tuple[Slices, F32] | None:
-    """A box of the canvas and (h, w, 3) what still shows of `Sprite.halo` there; None: nothing."""
-    if sprite.halo is None or stand.where is None:
+def halos_left(sprites: Sequence[Sprite], stands: Sequence[SpritePose]) -> NDArray[np.float32]:
+    """(N + 1,) from 1 on: of each body, the share of what the photo shows around it that it has not taken away."""
+    near = (int(sprite.halo[2].max()) for sprite in sprites if sprite.halo is not None)
+    left = np.ones(max((*(sprite.body + 1 for sprite in sprites), *near), default=0) + 1, np.float32)
+    for stand in stands:
+        sprite = sprites[stand.k]
+        side = max(min(sprite.coverage.shape), 1)
+        dx, dy = stand.pose.x - stand.start.x, stand.pose.y - stand.start.y
+        moved = hypot(dx, dy) / side + abs(stand.pose.angle - stand.start.angle) / 2
+        left[sprite.body + 1] = exp(-((moved / LEAVES) ** 2))
+    return left
+
+
+def draw_halo(sprite: Sprite, stand: SpritePose, left: NDArray[np.float32]) -> tuple[Slices, F32] | None:
+    """A box of the canvas and (h, w, 3) what still shows of `Sprite.halo` there, by `halos_left`; None: nothing."""
+    share = left[sprite.body + 1]
+    if sprite.halo is None or stand.where is None or share < FAINT:
         return None
-    (x, y), picture = sprite.halo
+    (x, y), picture, beside = sprite.halo
     box = np.s_[y : y + picture.shape[0], x : x + picture.shape[1]]
-    side = max(min(sprite.coverage.shape), 1)
-    dx, dy = stand.pose.x - stand.start.x, stand.pose.y - stand.start.y
-    moved = hypot(dx, dy) / side + abs(stand.pose.angle - stand.start.angle) / 2
-    left = exp(-((moved / LEAVES) ** 2))
-    if left < FAINT:
-        return None
-    return box, picture if left == 1 else picture * np.float32(left)
+    shares = np.minimum(left[beside], share)
+    return box, picture if shares.min() == 1 else picture * three_channels(shares)
 
 
 def sprite_coverage(sprite: Sprite, where: Placement) -> F32:

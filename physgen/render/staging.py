@@ -41,24 +41,15 @@ PALETTE = (
 class StagingTuning:
     """Assumed depths of objects, and limits of flat drawings."""
 
-    large: int = 4_000_000
-    """px² that the sprite of one object may take in full."""
-    fine: int = 8
-    """Sub-pixels a side when lines are drawn."""
-    flat: float = 0.8
-    """Of its radius: how high a disc reaches above a table, where the scene does not say."""
-    deep: float = 0.9
-    """Of the root of its area: how far anything else reaches through the plane of motion."""
-    ghosts: int = 200
-    """Objects that a scene leaves out and whose shadows leave with them, about: the largest."""
-    stray: float = 0.03
-    """Share of a ball's pixels that may lie outside its circle."""
-    thread: float = 2.0
-    """px: how thick what hangs on a ball is."""
-    steep: float = 0.25
-    """Rise over run from which a boundary is no floor: shadows of a slope lie elsewhere."""
-    joined: float = 9.0
-    """px between the ends of two boundaries that are one floor."""
+    large: int = 4_000_000  # px² that the sprite of one object may take in full
+    fine: int = 8  # sub-pixels a side when lines are drawn
+    flat: float = 0.8  # of its radius: how high a disc reaches above a table, where the scene does not say
+    deep: float = 0.9  # of the root of its area: how far anything else reaches through the plane of motion
+    ghosts: int = 200  # objects that a scene leaves out and whose shadows leave with them, about: the largest
+    stray: float = 0.03  # share of a ball's pixels that may lie outside its circle
+    thread: float = 2.0  # px: how thick what hangs on a ball is
+    steep: float = 0.25  # rise over run from which a boundary is no floor: shadows of a slope lie elsewhere
+    joined: float = 9.0  # px between the ends of two boundaries that are one floor
 
 
 STAGING = StagingTuning()
@@ -375,10 +366,16 @@ def _parted(sprite: Sprite, body: Body) -> list[tuple[Sprite, bool]]:
     x, y = body.center.tolist()
     rows, columns = np.indices(sprite.coverage.shape)
     away = np.hypot(columns + sprite.corner[0] - x, rows + sprite.corner[1] - y)
-    if sprite.coverage[away > body.radius + 2].sum() <= STAGING.stray * sprite.coverage.sum():
-        return [(sprite, False)]
+    hangs = sprite.coverage[away > body.radius + 2].sum() > STAGING.stray * sprite.coverage.sum()
     # the thread lies beneath and reaches a pixel farther in, so that nothing shows through where they meet
-    within = np.clip(body.radius + 1 - away, 0, 1).astype(np.float32)
+    within = np.clip(body.radius + (1 if hangs else 2) - away, 0, 1).astype(np.float32)
+    if not hangs:  # what was taken for its border only
+        return [
+            (
+                replace(sprite, light=sprite.light * within[..., None], coverage=sprite.coverage * within),
+                False,
+            )
+        ]
     beyond = np.clip(away - body.radius + 1, 0, 1).astype(np.float32)
     return [
         (replace(sprite, light=sprite.light * part[..., None], coverage=sprite.coverage * part), loose)

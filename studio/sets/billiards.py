@@ -184,6 +184,7 @@ def stage() -> Stage:
         softness=8,
         exposure=1.35,
         vignette=0.1,
+        duration=5.0,
         depth=8,
         sections=sections,
         film={"frames": 14, "until": 0.9},

@@ -129,7 +129,7 @@ def stage() -> Stage:
         {"ice": floor(ICE, ICE, ice)},
         lights,
         {},
-        duration=2.0,
+        duration=4.2,
         softness=6,
         exposure=2.1,
         world={"table": {"friction": 0.003}},

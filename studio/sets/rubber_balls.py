@@ -83,7 +83,7 @@ def stage() -> Stage:
 
     def sections(c: Camera) -> dict:
         return {
-            "render": {"frames": 132, "fps": 30},
+            "render": {"frames": 165, "fps": 30},
             "variants": {
                 "tossed": {"objects.*.velocity": c.shift((0.25, 0.7)), "objects.*.spin": -360},
                 "moon": {"world.gravity": c.shift((0, -1.62))},
@@ -105,7 +105,7 @@ def stage() -> Stage:
         scenery,
         lights,
         {"ground": Boundary([(-3, 0), (3, 0)], 1.0, 1.0)},
-        duration=4.4,
+        duration=5.5,
         softness=0.5,
         sun=tuple(SUN),
         backdrop=0.5,

@@ -103,7 +103,7 @@ def stage() -> Stage:
     turn = T().rotate([0, 0, 1], 25).rotate([1, 0, 0], 35)
     fresh = sphere(BALL, matt(tennis_ball(1, 0.25)), turn)
     old = sphere(BALL, matt(tennis_ball(5, 0.95)), T().rotate([1, 0, 0], 100).rotate([0, 0, 1], 130))
-    hollow = {"solid": "disc", "rolling": 0.03}  # a shell is 2/3 m r²: disc, 1/2, is the nearest kind
+    hollow = {"solid": "sphere", "rolling": 0.03}  # round in its shadow; of a shell, 2/3 m r², it has 2/5
     things = [
         Thing(
             "ball",
@@ -160,7 +160,7 @@ def stage() -> Stage:
             "wall": Boundary([(WALL, 0), (WALL, 2)], 0.6, 0.75),
             "ground": Boundary([(-3, 0), (WALL, 0)], 0.6, 0.5),
         },
-        duration=1.45,
+        duration=1.9,
         diffuse=True,
         softness=0.3,
         sun=(-0.62, -0.55, 0.72),
