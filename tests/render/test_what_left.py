@@ -76,3 +76,67 @@ def test_shadows_of_many_leave_light_and_end_at_their_shelf(bundled: Path) -> No
     _, last = (frame.rgb.astype(int) for frame in pipeline.render(stage, track))
     assert np.count_nonzero(last.max(axis=2) < 4) < 20
     assert np.abs(last - maps.rgb)[470:, 20:490].max() <= 8
+
+
+def rack(folder: Path, doubtful: str = "") -> tuple[Percepts, Compiled, Stage]:
+    """Two balls side by side on a table, dark between them, with a sliver beside the first that `coverage` holds."""
+    y, x = np.mgrid[:120, :200].astype(float)
+    away = [np.hypot(x - cx, y - 60) for cx in (70, 114)]
+    rgb = np.full((120, 200, 3), (40, 130, 60), np.uint8)
+    gap = (np.abs(x - 92) < 5) & (np.abs(np.abs(y - 60) - 9) < 7)
+    rgb[gap] = (8, 26, 12)
+    masks = np.zeros((120, 200), np.uint8)
+    for k, (one, colour) in enumerate(zip(away, ((200, 60, 40), (60, 70, 200)), strict=True), 1):
+        rgb[one <= 20] = colour
+        masks[one <= 20] = k
+    sliver = (away[0] > 20) & (away[0] <= 24) & (np.abs(y - 60) < 6) & (x < 60)
+    rgb[sliver], masks[sliver] = (220, 210, 190), 3
+    scene = folder / "scene.yaml"
+    assets = folder / "photo.assets"
+    assets.mkdir()
+    background = np.full_like(rgb, (60, 130, 40))  # BGR
+    pictures = {"masks": masks, "coverage": np.uint8(255 * (masks > 0)), "background": background}
+    for name, picture in pictures.items():
+        cv2.imwrite(str(assets / f"{name}.png"), picture)
+    cv2.imwrite(str(folder / "photo.png"), rgb[..., ::-1])
+    balls = "".join(
+        f"  ball-{k}: {{mask: {k}, solid: sphere, shape: {{circle: {{center: [{cx}, 60], radius: 20}}}}}}\n"
+        for k, cx in ((1, 70), (2, 114))
+    )
+    world = "world: {view: top, pixels_per_meter: 700}\nlight: {direction: [0, 0, 1], intensity: 1, ambient: 0.5}\n"
+    world += "render: {shadows: false}\n"
+    scene.write_text(
+        f"physgen: 1\nimage: photo.png\nassets: photo.assets\n{world}objects:\n{balls}{doubtful}"
+    )
+    opened_one = pipeline.load(scene)
+    maps = pipeline.percepts(opened_one)
+    compiled = pipeline.compile(opened_one, maps)
+    return maps, compiled, pipeline.stage(opened_one, compiled, maps)
+
+
+def test_a_doubtful_sliver_stays_and_what_was_taken_out_does_not(tmp_path: Path) -> None:
+    maps, compiled, stage = rack(tmp_path, "doubtful:\n  maybe-1: {mask: 3, confidence: 0.2}\n")
+    first, _ = emptied(compiled, stage)
+    assert np.abs(first - maps.rgb).max() <= 1
+    (tmp_path / "without").mkdir()
+    maps, compiled, stage = rack(tmp_path / "without")
+    first, _ = emptied(compiled, stage)
+    assert np.abs(first - maps.rgb)[maps.labels == 3].max(axis=1).mean() > 60
+
+
+def test_a_ball_ends_at_its_circle(tmp_path: Path) -> None:
+    _, _, stage = rack(tmp_path, "doubtful:\n  maybe-1: {mask: 3, confidence: 0.2}\n")
+    ball = next(sprite for sprite in stage.sprites if sprite.body == 0)
+    rows, columns = np.nonzero(ball.coverage)
+    away = np.hypot(columns + ball.corner[0] - 70, rows + ball.corner[1] - 60)
+    assert 19 < away[ball.coverage[rows, columns] > 0.02].max() < 22.5
+
+
+def test_the_dark_between_two_balls_goes_with_either(tmp_path: Path) -> None:
+    maps, compiled, stage = rack(tmp_path, "doubtful:\n  maybe-1: {mask: 3, confidence: 0.2}\n")
+    dark = (maps.rgb.max(axis=2) < 30) & (maps.labels == 0)
+    assert np.count_nonzero(dark) > 30
+    for stays in ("ball-1", "ball-2"):
+        first, left = emptied(compiled, stage, stays)
+        assert first[dark].max() < 32
+        assert left[dark].mean(axis=0) == pytest.approx((40, 130, 60), abs=12)
