@@ -301,13 +301,18 @@ def fit_objects(rgb: Rgb, found: Detections) -> tuple[list[PhotoObject], int]:
     if not ids:
         return [], len(every)
     outlines = fit_outlines(labels, ids)
-    border = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
-    on_border = np.bincount(border, minlength=int(labels.max()) + 1)
+    # masks that are found may end before the border that cuts their object
+    near = 0 if found.source == "given" else round(0.012 * max(width, height))
+    on_border, beside = (
+        np.unique(np.concatenate([labels[k], labels[-1 - k], labels[:, k], labels[:, -1 - k]]))
+        for k in (0, near)
+    )
     objects = []
     for i in ids:
         x0, y0, x1, y1 = bounds(outlines[i])
         beyond = max(-0.5 - x0, -0.5 - y0, x1 - width + 0.5, y1 - height + 0.5)
-        objects.append(PhotoObject(i, outlines[i], cut=bool(on_border[i] > 0 or beyond > 0)))
+        cut = beyond > 0 or i in on_border or (i in beside and not isinstance(outlines[i], Disc))
+        objects.append(PhotoObject(i, outlines[i], cut=cut))
     return objects, len(every) - len(ids)
 
 

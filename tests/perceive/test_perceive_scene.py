@@ -9,8 +9,8 @@ import pytest
 from physgen.maps import read_labels
 from physgen.perceive import document
 from physgen.perceive.document import summary, write_scene
-from physgen.perceive.perceive import perceive
-from physgen.perceive.roles import PerceivedScene, Segments
+from physgen.perceive.perceive import fit_objects, perceive
+from physgen.perceive.roles import Detections, PerceivedScene, Segments
 from physgen.perceive.segment.prompts import Segmenter, from_masks, from_prompts, segment_point
 from physgen.photos import read_image
 from physgen.problems import InputError
@@ -201,3 +201,16 @@ def test_a_label_renames_its_object_alone(seen: PerceivedScene) -> None:
     plain = list(seen.document["objects"])
     named = list(perceive(rgb, from_masks(labels), renames=[f"{plain[1]}=steel ball"]).document["objects"])
     assert named == [plain[0], "steel-ball-1", *plain[2:]]
+
+
+@pytest.mark.parametrize(("source", "held"), [("learned", True), ("given", False)])
+def test_a_found_mask_that_ends_just_before_the_border_is_cut(source: str, held: bool) -> None:
+    """Networks leave some pixels out beside the border; a circle that ends there is a whole one, and so is a given mask."""
+    rgb = np.full((400, 500, 3), 120, np.uint8)
+    labels = np.zeros((400, 500), np.uint16)
+    labels[4:200, 100:180] = 1
+    y, x = np.mgrid[:400, :500]
+    labels[np.hypot(x - 474, y - 200) <= 22] = 2
+    rgb[labels > 0] = (200, 90, 60)
+    items, _ = fit_objects(rgb, Detections(labels, source, {1: 0.9, 2: 0.9}, {}))
+    assert [item.cut for item in items] == [held, False]
