@@ -205,7 +205,7 @@ def test_a_label_renames_its_object_alone(seen: PerceivedScene) -> None:
 
 @pytest.mark.parametrize(("source", "held"), [("learned", True), ("given", False)])
 def test_a_found_mask_that_ends_just_before_the_border_is_cut(source: str, held: bool) -> None:
-    """Networks leave some pixels out beside the border; a circle that ends there is a whole one, and so is a given mask."""
+    """Networks leave some pixels out beside the border; circles and given masks that end there are whole."""
     rgb = np.full((400, 500, 3), 120, np.uint8)
     labels = np.zeros((400, 500), np.uint16)
     labels[4:200, 100:180] = 1
