@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.simulate.contacts import Array, ContactProperties, Flags, Point, Points, point_at_closing
-from physgen.simulate.joints import Assemblies
+from physgen.simulate.joints import Assemblies, find
 
 Index = NDArray[np.int64]
 
@@ -129,28 +129,33 @@ def _swept(
     rows, by = np.nonzero(matrix)
     for row, one, value in zip(rows.tolist(), by.tolist(), matrix[rows, by].tolist(), strict=True):
         columns[one].append((row, value))
-    passes = 0
-    for _ in range(TUNING.sweeps if exact < 1e-6 else TUNING.few):
-        passes += 1
+    normals, sides = range(0, len(speed), 2), range(1, len(speed), 2)
+    points = list(
+        zip(normals, sides, goals, friction, give[::2], give[1::2], columns[::2], columns[1::2], strict=True)
+    )
+    for passes in range(1, 1 + (TUNING.sweeps if exact < 1e-6 else TUNING.few)):  # noqa: B007 - counts
         change = size = 0.0
-        for i, (goal, mu) in enumerate(zip(goals, friction, strict=True)):
-            n, t = 2 * i, 2 * i + 1
-            new = max(0.0, impulse[n] + (goal - speed[n]) * give[n])
+        for n, t, goal, mu, give_n, give_t, by_n, by_t in points:
+            new = impulse[n] + (goal - speed[n]) * give_n
+            if not new > 0.0:
+                new = 0.0
             step = new - impulse[n]
             if step:
                 impulse[n] = new
-                for k, value in columns[n]:
+                for k, value in by_n:
                     speed[k] += step * value
-            change, size = max(change, abs(step)), max(size, new)
+                change = max(change, abs(step))
+            if new > size:
+                size = new
             if mu > 0:
                 edge = mu * new
-                new = min(edge, max(-edge, impulse[t] - speed[t] * give[t]))
+                new = min(edge, max(-edge, impulse[t] - speed[t] * give_t))
                 step = new - impulse[t]
                 if step:
                     impulse[t] = new
-                    for k, value in columns[t]:
+                    for k, value in by_t:
                         speed[k] += step * value
-                change = max(change, abs(step))
+                    change = max(change, abs(step))
         if change <= exact * size:
             break
     return np.array(impulse), passes
@@ -311,13 +316,6 @@ class ImpactSolver:
         if len(struck) == 1:
             return [struck]
         root = {k: k for k in struck}
-
-        def find(k: int) -> int:
-            while root[k] != k:
-                root[k] = root[root[k]]
-                k = root[k]
-            return k
-
         holder: dict[int, int] = {}
         for k in struck:
             p = self._point(k)
@@ -325,10 +323,10 @@ class ImpactSolver:
                 if self._free(body):
                     whole = self._joined.of(body)
                     other = holder.setdefault(body if whole is None else whole, k)
-                    root[find(k)] = find(other)
+                    root[find(root, k)] = find(root, other)
         groups: dict[int, list[int]] = {}
         for k in struck:
-            groups.setdefault(find(k), []).append(k)
+            groups.setdefault(find(root, k), []).append(k)
         return list(groups.values())
 
     def _point(self, k: int) -> Point:
@@ -412,6 +410,7 @@ class ImpactSolver:
 
     def _drive(self, p: Point) -> tuple[float, float]:
         """px/s, along the normal and the surface, of the first's point less the second's, where they are scripted."""
-        va, vb = ([0.0] * 3 if self._free(body) else self._speeds(body) for body in (p.a, p.b))
-        (na, ta), (nb, tb) = p.first_speed(va), p.second_speed(vb)
-        return na - nb, ta - tb
+        leaves, slides = p.motion(
+            *([0.0] * 3 if self._free(body) else self._speeds(body) for body in (p.a, p.b))
+        )
+        return -leaves, -slides

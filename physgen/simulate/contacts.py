@@ -21,9 +21,7 @@ WORDS, NUMBERS = 3, 14
 """Integers and floats of one contact."""
 CONTACT_BYTES = 8 * WORDS
 """Of the integers."""
-FEW = 200
-"""Contacts, now and before, up to which plain Python is quicker than arrays."""
-_WORDS, _NUMBERS = Struct(f"={WORDS}q"), Struct(f"={NUMBERS}d")
+_WORDS, _NUMBERS, _NORMAL = Struct(f"={WORDS}q"), Struct(f"={NUMBERS}d"), Struct("=4d")
 _ON_FIRST, _ON_SECOND, _DISTANCE = ([4, 5, 9, 10], [6, 7, 11, 12], [8, 13])
 
 
@@ -63,23 +61,14 @@ def touching(words: bytes, numbers: bytes | None) -> Touching:
     )
 
 
+@lru_cache(maxsize=256)
 def new_contacts(words: bytes, before: bytes) -> Sequence[int]:
     """Rows of contacts whose partners and count of points are not among those before."""
-    if len(words) + len(before) <= FEW * CONTACT_BYTES:
-        return _few_new_contacts(words, before)
     now, then = (np.frombuffer(listed, np.int64).reshape(-1, WORDS) for listed in (words, before))
     key, known = ((ints[:, 0] << 32 | ints[:, 1]) << 2 | ints[:, 2] for ints in (now, then))
     known = np.append(known, -1)  # both rise: contacts are in the order of their partners and counts
     found: list[int] = np.flatnonzero(known[np.searchsorted(known[:-1], key)] != key).tolist()
     return found
-
-
-@lru_cache(maxsize=1024)
-def _few_new_contacts(words: bytes, before: bytes) -> Sequence[int]:
-    """The same; few lists come again often."""
-    known = {before[k : k + CONTACT_BYTES] for k in range(0, len(before), CONTACT_BYTES)}
-    starts = range(0, len(words), CONTACT_BYTES)
-    return [k for k, start in enumerate(starts) if words[start : start + CONTACT_BYTES] not in known]
 
 
 def any_closes(
@@ -99,6 +88,12 @@ def any_closes(
             if apart * nx + aside * ny > threshold:
                 return True
     return False
+
+
+def normal_impulse(numbers: bytes, k: int) -> float:
+    """g·px/s that pressed the partners of contact `k` apart."""
+    ix, iy, nx, ny = _NORMAL.unpack_from(numbers, k * _NUMBERS.size)
+    return abs(float(ix * nx + iy * ny))
 
 
 def contact_places(numbers: bytes) -> Array:
@@ -200,18 +195,6 @@ class Point:
         """px/s at which b leaves a, and slides along it."""
         slides = self.nx * (vb[1] - va[1]) - self.ny * (vb[0] - va[0]) + self.tb * vb[2] - self.ta * va[2]
         return self.leaving(va, vb), slides
-
-    def first_speed(self, v: list[float]) -> tuple[float, float]:
-        """px/s, along the normal and the surface, of a's point."""
-        return self.nx * v[0] + self.ny * v[1] + self.na * v[2], self.nx * v[1] - self.ny * v[
-            0
-        ] + self.ta * v[2]
-
-    def second_speed(self, v: list[float]) -> tuple[float, float]:
-        """px/s, along the normal and the surface, of b's point."""
-        return self.nx * v[0] + self.ny * v[1] + self.nb * v[2], self.nx * v[1] - self.ny * v[
-            0
-        ] + self.tb * v[2]
 
 
 def contact_points(touching: Touching, pose: Array, velocity: Array) -> Points:

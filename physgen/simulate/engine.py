@@ -65,13 +65,8 @@ MOST_PARTS = 1024
 ATTEMPTS = 8
 """Times that a step is taken again because impacts changed what it does."""
 NOTHING = EnergyFlow(0.0, 0.0, None)
-FEW = 8
-"""New contacts up to which plain numbers are quicker than arrays."""
-
-
-def never() -> bool:
-    """Nobody is in a hurry."""
-    return False
+FEW = 12
+"""Contacts up to which plain numbers are quicker than arrays."""
 
 
 def simulate(
@@ -132,7 +127,9 @@ class Running:
         """Samples taken, of all."""
         return self._ledger.done
 
-    def on(self, until: float, progress: Progress = silent, enough: Callable[[], bool] = never) -> None:
+    def on(
+        self, until: float, progress: Progress = silent, enough: Callable[[], bool] = lambda: False
+    ) -> None:
         """Steps from where the run stands to a time, s; fewer where it was `enough` after one of them.
 
         Raises InputError where a body leaves all numbers.
@@ -231,10 +228,8 @@ class Running:
         if self._reach.watchful:
             parts = max(parts, self._reach.parts(self._ahead(end, h), h))
         if self._loads.steers:
-            pose, velocity = self._center.copy(), np.zeros_like(self._center)
-            state, moving = self._stepper.state(), self._space.moving
-            pose[moving], velocity[moving] = state[:, :3], state[:, 3:]
-            parts = max(parts, min(MOST_PARTS, ceil(self._loads.pace(pose, velocity) * h / PHASE)))
+            pace = self._loads.pace(*self._stepper.everybody(self._stepper.state()))
+            parts = max(parts, min(MOST_PARTS, ceil(pace * h / PHASE)))
         if parts > 1:
             self._divided += 1
             self._most_parts = max(self._most_parts, parts)
@@ -245,24 +240,14 @@ class Running:
         """The state (M, 6), scripted bodies with the fastest of this step and the next."""
         state = self._stepper.state()
         if self._scripts.busy:
-            state = state.copy()
-            now = state[:, 3:].copy()
-            self._scripts.drive(end, h, state, self._row)
-            later = state[:, 3:].copy()
-            self._scripts.drive(end + h, h, state, self._row)
-            state[:, :3], state[:, 3:] = self._stepper.state()[:, :3], now
+            speeds, state = [state[:, 3:]], state.copy()
+            for time in (end, end - h):
+                driven = state.copy()
+                self._scripts.drive(time, h, driven, self._row)
+                speeds.append(driven[:, 3:])
             for row in self._scripts.rows(self._row):
-                state[row, 3:] = max(
-                    (now[row], later[row], self._last_speed(row, end, h)),
-                    key=lambda v: float(np.hypot(*v[:2])),
-                )
+                state[row, 3:] = max((v[row] for v in speeds), key=lambda v: float(np.hypot(*v[:2])))
         return state
-
-    def _last_speed(self, row: int, end: float, h: float) -> Array:
-        """Of a scripted row, within the step that ends at `end`."""
-        state = self._stepper.state().copy()
-        self._scripts.drive(end - h, h, state, self._row)
-        return state[row, 3:]
 
     def _part(self, begin: float, h: float) -> None:
         end = begin + h
@@ -298,8 +283,7 @@ class Running:
         moving, given = self._space.moving, []
         while self._kicks.due(end):
             since = self._kicks.since(begin)
-            velocity, pose = np.zeros((len(self._center), 3)), self._center.copy()
-            velocity[moving], pose[moving] = state[:, 3:], state[:, :3]
+            pose, velocity = self._stepper.everybody(state)
             given.append(self._kicks.give(velocity, pose, since))
             velocity, lost = self._stepper.fit(pose, velocity)
             given.append(EnergyEvent(begin + since, lost, 0.0))
@@ -329,14 +313,11 @@ class Stepper:
         self.budget = WorkBudget(world.duration, len(bodies))
         self._joined = Assemblies(world)
         self._held = self._joined.held()
-        light, ease = (
-            np.array(values[: len(bodies)]) for values in (self._properties.lightness, self._properties.ease)
-        )
-        self._inverse = np.stack([light, light, ease], axis=1)
+        light, ease = self._properties.lightness, self._properties.ease
+        self._inverse = np.array([light, light, ease]).T[: len(bodies)]
         self._center = np.array([[*b.center, 0.0] for b in bodies]).reshape(-1, 3)
-        wide = np.zeros((len(bodies) + len(walls), 3))
-        wide[: len(bodies)] = self._center
-        self._wide, self._fast = wide, np.zeros_like(wide)
+        self._wide = np.concatenate([self._center, np.zeros((len(walls), 3))])
+        self._fast = np.zeros_like(self._wide)
         self._cornered = any(b.radius is None for b in bodies)
         self._words, self._places, self._states = b"", contact_places(b""), b""
         self._calm = True
@@ -350,6 +331,12 @@ class Stepper:
     def state(self) -> Array:
         """(M, 6) of the bodies that move, read-only."""
         return np.frombuffer(self._states, np.float64).reshape(-1, 6)
+
+    def everybody(self, state: Array) -> tuple[Array, Array]:
+        """Poses and velocities (N, 3) of all bodies where the state (M, 6) is that of those that move."""
+        pose, velocity = self._center.copy(), np.zeros_like(self._center)
+        pose[self._space.moving], velocity[self._space.moving] = state[:, :3], state[:, 3:]
+        return pose, velocity
 
     @property
     def pull(self) -> Array:
@@ -378,16 +365,15 @@ class Stepper:
         probing = self._governor.crowded and not self._calm
         if probing and state is None:
             state = self.state().copy()
-        sweeps = self._governor.sweeps
-        self._space.iterations = 1 if probing else sweeps
+        self._space.iterations = 1 if probing else self._governor.sweeps
         for attempt in range(ATTEMPTS):
             load: Forces | None = None
             if self._lasting.pushes:
                 placed = self.state() if state is None else state
-                load = self._lasting.push(placed, end, h, first)
+                alone = state is None and not self._words
+                load = self._lasting.push(placed, end, h, first=first, alone=alone)
                 self._space.push(load.total if len(load.total) == M else load.total[self._space.moving])
-            for pair, torque in self._lasting.torques.items():
-                self._space.brake(pair, torque)
+            self._space.brake(self._lasting.torques)
             states, words, numbers = self._space.step(h)
             impact = None
             places = contact_places(numbers) if self._cornered else self._places
@@ -426,7 +412,9 @@ class Stepper:
                 # the first try pushed overlaps apart that the impacts have undone
                 exact[:, :3] = state[:, :3] + state[:, 3:] * h
             if self._joined.busy:
-                exact[:, 3:], driven = self._hold(exact, h, 0.5 if first else 1.0)
+                strength = 0.5 if first else 1.0  # of motors
+                held, driven = self._joined.hold(*self.everybody(exact), self._inverse, h, strength)
+                exact[:, 3:] = held[self._space.moving]
             self._space.place(exact)
             states = exact.tobytes()
         self.stirred |= not self._calm
@@ -443,14 +431,6 @@ class Stepper:
             settled = replace(settled, work=settled.work + driven)
         self._states = states
         return Step(end, states, words, numbers, before, original, impacts, settled, kicks)
-
-    def _hold(self, state: Array, h: float, strength: float) -> tuple[Array, float]:
-        """Velocities (M, 3) that keep all joints, and the motors' work; motors act with a part of their strength."""
-        moving = self._space.moving
-        pose, velocity = self._center.copy(), np.zeros_like(self._center)
-        pose[moving], velocity[moving] = state[:, :3], state[:, 3:]
-        velocity, work = self._joined.hold(pose, velocity, self._inverse, h, strength)
-        return velocity[moving], work
 
     def _strike(
         self,
@@ -471,7 +451,8 @@ class Stepper:
         threshold = self._governor.threshold(h)
         wide, fast = self._wide, self._fast
         wide[self._space.moving], fast[self._space.moving] = pose, velocity
-        if new is not None and len(new) <= FEW and not any_closes(words, numbers, new, wide, fast, threshold):
+        rows = range(len(words) // CONTACT_BYTES) if new is None else new
+        if len(rows) <= FEW and not any_closes(words, numbers, rows, wide, fast, threshold):
             return None
         touch = touching(words, numbers)
         points = contact_points(touch, wide, fast)

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from physgen.compile.world import Body, Joint, World
 from physgen.geometry.polygon import Array, polygon_moments
 from physgen.scene.scene import FieldKind, JointKind, Load, Motion
-from physgen.simulate.contacts import touching
 from physgen.simulate.friction import Pair, Resistance, Table
 
 
@@ -260,19 +259,23 @@ class StepForces:
     def __init__(self, world: World, moving: NDArray[np.int64], loads: ForceFields) -> None:
         bodies = world.bodies
         self._moving, self._loads, self._table = moving, loads, Table(world)
+        self._numbers: list[int] = moving.tolist()
         self._resistance = Resistance(world)
         self._center = np.array([[*b.center, 0.0] for b in bodies]).reshape(-1, 3)
         self._dynamic = np.array([b.motion is Motion.DYNAMIC for b in bodies], bool)
         self._scripted = np.array([b.motion is Motion.SCRIPTED for b in bodies], bool)
+        self._handed = bool(self._scripted.any())
         mass = np.array([b.mass for b in bodies]).reshape(-1)
         moment = np.array([b.moment for b in bodies]).reshape(-1)
-        self._moment, self._weight = moment, np.stack([mass, mass, moment], axis=1)
+        self._moments, self._weight = moment[:, None], np.stack([mass, mass, moment], axis=1)
         self._nothing = np.zeros((len(bodies), 3))
         self._fall = np.where(self._dynamic[:, None], [*world.gravity, 0.0], 0.0)
         self._falls = bool(world.gravity.any())
         self.roll = np.array([b.roll for b in bodies]).reshape(-1, 2)
         """(N, 2) rad/s: how spheres on a table roll now."""
         self._roll_before = self.roll
+        self._foreseen: list[tuple[Array, Array]] = []
+        """What the table does in the next steps while nothing touches, the last first."""
         self.pushes = loads.busy or self._table.busy
         """Whether forces are to be set before a step."""
         self.accounts = self.pushes or self._resistance.busy
@@ -294,8 +297,9 @@ class StepForces:
             return fall
         return np.asarray(fall + (load.total / self._weight)[:, :2] * self._dynamic[:, None])
 
-    def push(self, state: Array, end: float, h: float, first: bool) -> Forces:
-        """Lasting forces for the step to `end`, taken where the bodies then are."""
+    def push(self, state: Array, end: float, h: float, *, first: bool, alone: bool) -> Forces:
+        """Lasting forces for the step to `end`, taken where the bodies then are; `alone`: nothing touched in the step
+        before, or stepped in since."""
         velocity = self._spread(state[:, 3:], self._nothing)
         load = Forces(self._nothing, None, None, None)
         if self._loads.busy:
@@ -308,7 +312,10 @@ class StepForces:
             part = h / 2 if first else h
             trial = velocity + load.total / self._weight * h if self._loads.busy else velocity
             trial = trial + self._fall * part if self._falls else trial
-            change, rolled = self._table.kick(trial, self._roll_before, part)
+            alone &= not (self._loads.busy or self._falls)
+            if not (alone and self._foreseen):
+                self._foreseen = self._table.foreseen(trial, self._roll_before, part, 32 if alone else 1)
+            change, rolled = self._foreseen.pop()
             grip = change * self._weight
             grip /= h
             spend = grip if load.spend is None else load.spend + grip
@@ -333,20 +340,21 @@ class StepForces:
         h: float,
     ) -> EnergyFlow:
         """Lost and work of all but contacts in a step from velocities `used` (M, 3) to `state` (M, 6), and the roll."""
-        mean = self._spread((used + state[:, 3:]) / 2, self._nothing)
         lost = work = 0.0
         if load is not None:
+            mean = self._spread((used + state[:, 3:]) / 2, self._nothing)
             work = 0.0 if load.drive is None else float(np.vdot(load.drive, mean)) * h
             lost = 0.0 if load.spend is None else -float(np.vdot(load.spend, mean)) * h
-            if self._scripted.any():  # a spring on a scripted body hands on what its script does
+            if self._handed:  # a spring on a scripted body hands on what its script does
                 work -= float(np.vdot(load.total[self._scripted], mean[self._scripted])) * h
             if load.rolled is not None:
                 # what the table takes from a sphere's motion partly goes into its rolling
                 half = self._roll_before + load.rolled / 2
-                lost -= float(self._moment @ (load.rolled * half).sum(axis=1))
+                lost -= float(np.vdot(self._moments * load.rolled, half))
                 self.roll = self._roll_before + load.rolled
         if self._resistance.busy:
-            lost += self._resistance.settle(braked, touching(*contacts), mean, h)
+            spins = dict(zip(self._numbers, ((used[:, 2] + state[:, 5]) / 2).tolist(), strict=True))
+            lost += self._resistance.settle(braked, *contacts, spins, h)
         return EnergyFlow(lost, work, self.roll if self._table.busy else None)
 
 

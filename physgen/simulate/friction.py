@@ -6,14 +6,18 @@ A disc's sliding and spinning share one friction: both end together (Farkas, Bar
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
+from math import atan2, pi
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from physgen.compile.world import World
 from physgen.scene.scene import Motion, Solid
-from physgen.simulate.contacts import Array, Touching
+from physgen.simulate.contacts import WORDS, Array, normal_impulse
 
 Pair = tuple[int, int]
 """Two bodies; -1 for the world."""
@@ -23,42 +27,43 @@ class Resistance:
     """Brakes between round bodies and what they roll on; solved with the contacts, so that they hold at rest."""
 
     def __init__(self, world: World) -> None:
-        self._lever = np.array(
-            [
-                b.rolling * b.radius if b.radius is not None and b.motion is Motion.DYNAMIC else 0.0
-                for b in world.bodies
-            ]
-            + [0.0] * len(world.walls)
-        )
-        self._bodies = len(world.bodies)
+        levers = [b.rolling * (b.radius or 0.0) * (b.motion is Motion.DYNAMIC) for b in world.bodies]
+        self._lever = levers + [0.0] * len(world.walls)
         self._static = [b.motion is Motion.STATIC for b in world.bodies] + [True] * len(world.walls)
-        self.busy = bool(self._lever.any()) and world.press == 0
+        self.busy = any(levers) and world.press == 0
         self.torques: dict[Pair, float] = {}
         """Of the brakes in the next step, by the normal forces of the last one, g·px²/s²."""
+        self._words, self._braking = b"", list[tuple[Pair, float, list[int]]]()
+        """Contacts as they are listed, and of each two partners that brake: their brake, lever and rows."""
 
-    def settle(self, braked: Mapping[Pair, float], touch: Touching, mean: Array, h: float) -> float:
-        """Energy that the brakes took in a step of mean velocities (N, 3), g·px²/s²; sets the next torques.
+    def settle(
+        self, braked: Mapping[Pair, float], words: bytes, numbers: bytes, spins: dict[int, float], h: float
+    ) -> float:
+        """Energy that the brakes took in a step of mean spins by body, rad/s, in g·px²/s²; sets the next torques.
 
         `braked`: the size of the angular impulse that each brake gave, g·px²/s.
         """
         lost = 0.0
         for (first, second), impulse in braked.items():
-            against = mean[second, 2] if second >= 0 else 0.0
-            lost += impulse * abs(float(mean[first, 2] - against))
+            lost += impulse * abs(spins[first] - spins.get(second, 0.0))
         self.torques = dict.fromkeys(self.torques, 0.0)
-        normal = np.abs((touch.impulse * touch.normal).sum(axis=1))
-        order = np.lexsort((normal, touch.second, touch.first))
-        for k in order.tolist():
-            a, b = int(touch.first[k]), int(touch.second[k])
-            lever = self._lever[a] + self._lever[b]
-            if lever > 0:
-                if self._lever[a] == 0:
-                    a, b = b, a
-                if self._lever[a] > 0 and b < self._bodies and self._lever[b] > 0:
-                    a, b = min(a, b), max(a, b)
-                key = (a, -1 if self._static[b] else b)
-                self.torques[key] = self.torques.get(key, 0.0) + lever * float(normal[k]) / h
+        if words != self._words:
+            self._words, self._braking = words, self._brakes(words)
+        for key, lever, rows in self._braking:
+            for normal in sorted([normal_impulse(numbers, k) for k in rows]):
+                self.torques[key] = self.torques.get(key, 0.0) + lever * normal / h
         return lost
+
+    def _brakes(self, words: bytes) -> list[tuple[Pair, float, list[int]]]:
+        pairs, rows = np.frombuffer(words, np.int64).reshape(-1, WORDS)[:, :2], dict[Pair, list[int]]()
+        for k, (a, b) in enumerate(pairs.tolist()):
+            if self._lever[a] + self._lever[b] > 0:
+                rows.setdefault((a, b), []).append(k)
+        found = []
+        for pair, listed in rows.items():
+            a, b = sorted(pair, key=lambda k: (self._lever[k] == 0, k))
+            found.append(((a, -1 if self._static[b] else b), self._lever[a] + self._lever[b], listed))
+        return found
 
 
 NODES = 1024
@@ -66,7 +71,7 @@ NODES = 1024
 
 
 class Table:
-    """Friction on the N bodies of a world; idle seen from the side."""
+    """Friction on the N bodies of a world; idle seen from the side. Vectors in the plane are complex numbers."""
 
     def __init__(self, world: World) -> None:
         bodies = world.bodies
@@ -79,86 +84,114 @@ class Table:
         self._discs = np.flatnonzero(on & ~ball & (grip > 0))
         mass, moment, patch = np.array([(b.mass, b.moment, b.patch) for b in bodies]).reshape(-1, 3).T
         ring = np.array([b.solid is Solid.HOOP for b in bodies], bool).reshape(-1)
-        self._of_discs = tuple(
-            values[self._discs] for values in (grip * world.press, mass, patch, moment, ring)
-        )
+        self._of_discs = [values[self._discs] for values in (grip * world.press, mass, patch, moment, ring)]
         """(D,) each; the first, px/s², is the deceleration of what slides without spinning."""
-        self._ringed = bool(ring[self._discs].any())
         k = self._balls
-        m, inertia = mass[k], moment[k]
         r = np.array([b.radius or 0.0 for b in bodies]).reshape(-1)[k]
-        share = m * r**2 / np.maximum(inertia, 1e-300)  # of a solid sphere 5/2
-        self._r, self._lever, self._yield = r, share / np.maximum(r, 1e-300), 1 / (1 + share)
-        self._brake, slow = grip[k] * world.press, rolling[k] * world.press / np.maximum(r, 1e-300)
-        self._lost_sliding, self._lost_rolling = slow * share, slow * share / (1 + share)
-        self._resists = bool(slow.any())
+        share = mass[k] * r**2 / np.maximum(moment[k], 1e-300)  # of a solid sphere 5/2
+        slow = rolling[k] * world.press / np.maximum(r, 1e-300) * share
+        lever = share / np.maximum(r, 1e-300)
+        self._of_balls = [r, lever, 1 / (1 + share), grip[k] * world.press, slow, slow / (1 + share)]
+        """(B,) each; the last, rad/s², are what rolling resistance takes from the roll, sliding and not."""
+        self._arrays = SimpleNamespace(
+            angle=np.arctan2, least=np.minimum, most=np.maximum, choice=np.where, parts=_parts
+        )
+        self._plain = SimpleNamespace(
+            angle=atan2, least=min, most=max, choice=lambda flag, a, b: a if flag else b, parts=_plain_parts
+        )
 
-    def kick(self, velocity: Array, roll: Array, h: float) -> tuple[Array, Array]:
-        """Changes of velocity (N, 3) and roll (N, 2) in h seconds; velocity holds all other forces' doing already."""
-        change, turned = np.zeros_like(velocity), np.zeros_like(roll)
-        if len(self._discs):
-            on = self._discs
-            half = velocity[on] + self._slide(velocity[on], h / 2)
-            full = self._slide(velocity[on], h, half)
-            change[on] = full
-        if len(self._balls) == len(velocity):
-            self._rolled(velocity, roll, h, change, turned)
-        elif len(self._balls):
-            k = self._balls
-            pushed, rolled = change[k], turned[k]
-            self._rolled(velocity[k], roll[k], h, pushed, rolled)
-            change[k], turned[k] = pushed, rolled
-        return change, turned
+    def foreseen(self, velocity: Array, roll: Array, h: float, steps: int) -> list[tuple[Array, Array]]:
+        """Changes of velocity (N, 3) and roll (N, 2) in each of some steps of h seconds, the last first, while nothing
+        else acts; velocity holds all other forces' doing already."""
+        v, rolls = velocity[:, 0] + 1j * velocity[:, 1], roll[:, 0] + 1j * roll[:, 1]
+        motion, out = np.array([v, velocity[:, 2], rolls]), np.zeros((steps, 3, len(v)), complex)
+        moves = np.asarray(motion.any(axis=0))
+        moves[self._roll_on(v, rolls, h, out)] = False
+        kinds = (self._slide, self._discs, self._of_discs), (self._roll, self._balls, self._of_balls)
+        for kind, listed, of in kinds:
+            mine = np.flatnonzero(moves[listed])
+            if len(mine) > 8:  # of fewer, plain numbers are quicker than arrays
+                on, values = listed[mine], [v[mine] for v in of]
+                out[:, :, on] = _path(kind, self._arrays, values, motion[:, on], h, steps)
+                continue
+            for k in mine.tolist():
+                on, values = listed[k], [v[k].item() for v in of]
+                out[:, :, on] = _path(kind, self._plain, values, motion[:, on].tolist(), h, steps)
+        change, turn, rolled = out[::-1].swapaxes(0, 1)
+        changes = np.stack([change.real, change.imag, turn.real], axis=2)
+        return list(zip(changes, np.stack([rolled.real, rolled.imag], axis=2), strict=True))
 
-    def _slide(self, velocity: Array, h: float, at: Array | None = None) -> Array:
-        """(D, 3): change by friction as it is at the velocity `at`; never beyond rest."""
-        at = velocity if at is None else at
-        grip, mass, patch, moment, ring = self._of_discs
-        ratio = np.arctan2(np.hypot(at[:, 0], at[:, 1]), patch * np.abs(at[:, 2]))
-        nodes, force, torque = _shares(False)
-        pull, twist = np.interp(ratio, nodes, force), np.interp(ratio, nodes, torque)
-        if self._ringed:
-            nodes, force, torque = _shares(True)
-            pull = np.where(ring, np.interp(ratio, nodes, force), pull)
-            twist = np.where(ring, np.interp(ratio, nodes, torque), twist)
-        change = np.empty_like(velocity)
-        now, spins = np.hypot(velocity[:, 0], velocity[:, 1]), np.abs(velocity[:, 2])
+    def _roll_on(self, v: Array, roll: Array, h: float, out: Array) -> NDArray[np.int64]:
+        """The spheres that roll through all steps, slowing down evenly: their changes are written."""
+        r, _, gives, grip, _, slows = self._of_balls
+        v, roll = v[self._balls], roll[self._balls]
+        slips = abs(v - 1j * r * roll) * gives > 1e-12 * r * abs(roll)
+        k = np.flatnonzero(~slips & (grip > 0) & (slows * h * len(out) < abs(roll)))
+        part = slows[k] * h / abs(roll[k])
+        out[:, 0, self._balls[k]], out[:, 2, self._balls[k]] = -part * v[k], -part * roll[k]
+        return self._balls[k]
+
+    def _slide(self, do: Any, of: Any, v: Any, spin: Any, roll: Any, h: float) -> tuple[Any, Any, Any]:
+        """Changes of a disc's velocity, spin and roll, by friction as it is after half the time."""
+        half, turn = self._slid(do, of, v, spin, h / 2, v, spin)
+        return *self._slid(do, of, v, spin, h, v + half, spin + turn), 0 * roll
+
+    def _slid(self, do: Any, of: Any, v: Any, spin: Any, h: float, at: Any, at_spin: Any) -> tuple[Any, Any]:
+        """Changes by friction as it is at other speeds; never beyond rest."""
+        grip, mass, patch, moment, ring = of
+        pull, twist = do.parts(do.angle(abs(at), patch * abs(at_spin)), ring)
+        now, spins, least = abs(v), abs(spin), grip * h
         # the direction is that of the motion; nothing is turned round by friction
-        brake = np.minimum(pull * grip * h, now)
-        change[:, :2] = -(brake / np.maximum(now, 1e-300))[:, None] * velocity[:, :2]
-        spin = twist * grip * mass * patch / moment * h
-        change[:, 2] = -np.sign(velocity[:, 2]) * np.minimum(spin, spins)
+        brake = do.least(pull * least, now) / do.most(now, 1e-300)
+        slowed = do.least(twist * grip * mass * patch / moment * h, spins)
         # less than a step before both end, they end
-        least = grip * h
-        left = now <= least
-        if left.any():
-            left &= spins * moment <= least * mass * patch
-            left &= (now + patch * spins) <= least
-            change[left] = -velocity[left]
-        return change
+        ends = (spins * moment <= least * mass * patch) & (now + patch * spins <= least)
+        turn = do.choice(spin > 0, -slowed, slowed)
+        return do.choice(ends, -v, -brake * v), do.choice(ends, -spin, turn)
 
-    def _rolled(self, velocity: Array, roll: Array, h: float, change: Array, turned: Array) -> None:
-        """Write the changes of B spheres' velocities and rolls."""
-        vx, vy, wx, wy = velocity[:, 0], velocity[:, 1], roll[:, 0], roll[:, 1]
-        sx, sy = vx + self._r * wy, vy - self._r * wx  # of the lowest point over the table
-        speed = np.sqrt(sx * sx + sy * sy)
-        stick = speed * self._yield
-        brake = np.minimum(self._brake * h, stick)
-        part = brake / np.maximum(speed, 1e-300)
-        dx, dy = -part * sx, -part * sy
-        tx, ty = -self._lever * dy, self._lever * dx
-        if self._resists:
-            # a moment of c x normal force x radius; once a ball rolls it slows both motions alike
-            rolls = brake >= stick * (1 - 1e-12)
-            nx, ny = wx + tx, wy + ty
-            now = np.sqrt(nx * nx + ny * ny)
-            lost = np.where(rolls, self._lost_rolling, self._lost_sliding) * h
-            stop = np.minimum(lost / np.maximum(now, 1e-300), 1.0)
-            tx, ty = tx - stop * nx, ty - stop * ny
-            stop = np.where(rolls, stop, 0.0)
-            dx, dy = dx - stop * (vx + dx), dy - stop * (vy + dy)
-        change[:, 0], change[:, 1] = dx, dy
-        turned[:, 0], turned[:, 1] = tx, ty
+    def _roll(self, do: Any, of: Any, v: Any, spin: Any, roll: Any, h: float) -> tuple[Any, Any, Any]:
+        """Changes of a sphere's velocity, spin and roll."""
+        r, lever, gives, grip, lost_sliding, lost_rolling = of
+        slip = v - 1j * r * roll  # of the lowest point over the table
+        speed = abs(slip)
+        stick = speed * gives
+        brake = do.least(grip * h, stick)
+        change = -brake / do.most(speed, 1e-300) * slip
+        turned = 1j * lever * change
+        # a moment of c x normal force x radius; once a ball rolls it slows both motions alike
+        rolls, now = brake >= stick * (1 - 1e-12), roll + turned
+        stop = do.least(do.choice(rolls, lost_rolling, lost_sliding) * h / do.most(abs(now), 1e-300), 1.0)
+        return change - do.choice(rolls, stop, 0.0) * (v + change), 0 * spin, turned - stop * now
+
+
+def _path(kind: Callable[..., Any], do: Any, of: Any, motion: Any, h: float, steps: int) -> list[Any]:
+    """Changes of velocity, spin and roll in each step, of one body or of several."""
+    v, spin, roll = motion
+    spin, changes = spin.real, []
+    for _ in range(steps):
+        changes.append(kind(do, of, v, spin, roll, h))
+        v, spin, roll = (now + change for now, change in zip((v, spin, roll), changes[-1], strict=True))
+    return changes
+
+
+def _parts(ratio: Array, ring: Any) -> list[Array]:
+    """Shares of friction, and of friction x radius, at angles (D,) of discs and rings."""
+    (nodes, *disc), (_, *hoop) = _shares(False), _shares(True)
+    both = zip(disc, hoop, strict=True)
+    return [np.where(ring, np.interp(ratio, nodes, b), np.interp(ratio, nodes, a)) for a, b in both]
+
+
+def _plain_parts(ratio: float, ring: bool) -> tuple[float, float]:
+    """The same, of one body."""
+    _, forces, torques = _listed_shares(ring)
+    k = int(min(NODES - 2, ratio * ((NODES - 1) / (pi / 2))))
+    part = ratio * ((NODES - 1) / (pi / 2)) - k
+    return forces[k] + part * (forces[k + 1] - forces[k]), torques[k] + part * (torques[k + 1] - torques[k])
+
+
+@cache
+def _listed_shares(ring: bool) -> list[list[float]]:
+    return [values.tolist() for values in _shares(ring)]
 
 
 @cache

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from math import inf
+from math import inf, sqrt
+from operator import mul
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,14 @@ from physgen.scene.scene import JointKind, Motion
 Array = NDArray[np.float64]
 
 
+def find(root: dict[int, int], k: int) -> int:
+    """The root of the tree that holds `k`; its branch is shortened on the way."""
+    while root[k] != k:
+        root[k] = root[root[k]]
+        k = root[k]
+    return k
+
+
 class Assemblies:
     """Groups of dynamic bodies that pins, welds and motors connect; springs yield within an impact."""
 
@@ -20,26 +29,20 @@ class Assemblies:
         dynamic = [body.motion is Motion.DYNAMIC for body in world.bodies]
         self._members: dict[int, list[int]] = {}
         self._joints: dict[int, list[Joint]] = {}
-        root = list(range(len(world.bodies)))
-
-        def find(k: int) -> int:
-            while root[k] != k:
-                k = root[k]
-            return k
-
+        root = {k: k for k in range(len(world.bodies))}
         joints = [j for j in world.joints if j.kind is not JointKind.SPRING]
         for joint in joints:
             if joint.second is not None and dynamic[joint.first] and dynamic[joint.second]:
-                root[find(joint.first)] = find(joint.second)
+                root[find(root, joint.first)] = find(root, joint.second)
         self.busy = any(dynamic[j.first] or (j.second is not None and dynamic[j.second]) for j in joints)
         self._root: dict[int, int] = {}
         for joint in joints:
             for body in (joint.first, joint.second):
                 if body is not None and dynamic[body]:
-                    self._root[body] = find(body)
+                    self._root[body] = find(root, body)
             held = next((b for b in (joint.first, joint.second) if b is not None and dynamic[b]), None)
             if held is not None:
-                self._joints.setdefault(find(held), []).append(joint)
+                self._joints.setdefault(find(root, held), []).append(joint)
         for body, group in self._root.items():
             self._members.setdefault(group, []).append(body)
         for members in self._members.values():
@@ -68,37 +71,39 @@ class Assemblies:
         """
         velocity, work, motors = velocity.copy(), 0.0, strength is not None
         spots = _Spots(pose)
-        for group, joints in sorted(self._joints.items()):
-            bodies = self._members[group]
+        for _, joints in sorted(self._joints.items()):
+            # what is not dynamic has a place in the system, too, and does not yield
+            bodies = sorted({b for joint in joints for b in (joint.first, joint.second) if b is not None})
             place = {body: 3 * k for k, body in enumerate(bodies)}
             rows: list[list[float]] = []
             wanted: list[float] = []
             limits: list[float] = []
             for joint in joints:
                 mine = _rows(joint, place, spots, 3 * len(bodies))
-                off, speed = _error(joint, spots), _given(joint, place, spots, velocity)
                 rows += mine
-                wanted += [-(off[k] / h if motors else 0.0) - speed[k] for k in range(len(mine))]
+                wanted += [-off / h if motors else 0.0 for off in _error(joint, spots)[: len(mine)]]
                 limits += [inf] * len(mine)
                 if motors and joint.kind is JointKind.MOTOR:
                     turn = [0.0] * (3 * len(bodies))
-                    rest = 0.0
                     for body, sign in ((joint.first, 1.0), (joint.second, -1.0)):
-                        if body is not None and body in place:
+                        if body is not None:
                             turn[place[body] + 2] = sign
-                        elif body is not None:
-                            rest += sign * float(velocity[body, 2])
                     rows.append(turn)
-                    wanted.append(joint.speed - rest)
+                    wanted.append(joint.speed)
                     limits.append(joint.limit * h * (strength or 0.0))
-            J, light = np.array(rows), inverse[bodies].ravel()
-            before = velocity[bodies].ravel()
+            light, before = inverse[bodies].ravel(), velocity[bodies].ravel()
+            if len(rows) <= 8 and min(limits) == inf:
+                change = _few_changes(rows, light.tolist(), before.tolist(), wanted)
+                if change:
+                    velocity[bodies] += np.array(change).reshape(-1, 3)
+                    continue
+            J = np.array(rows)
             give = (J * light) @ J.T
-            give.flat[:: len(give) + 1] *= 1 + 1e-12
+            give.ravel()[:: len(give) + 1] *= 1 + 1e-12
             goal = np.array(wanted) - J @ before
             impulse = _solved(give, goal)
-            turned = np.array([k for k, limit in enumerate(limits) if limit < inf], np.int64)
-            if len(turned) and (driven := np.isfinite(limits) & (np.abs(impulse) > limits)).any():
+            turned = [k for k, limit in enumerate(limits) if limit < inf]
+            if turned and (driven := np.isfinite(limits) & (np.abs(impulse) > limits)).any():
                 fixed = np.where(driven, np.sign(impulse) * np.minimum(limits, np.abs(impulse)), 0.0)
                 free = ~driven
                 impulse = fixed
@@ -106,8 +111,8 @@ class Assemblies:
                     give[np.ix_(free, free)], goal[free] - give[np.ix_(free, driven)] @ fixed[driven]
                 )
             after = before + light * (J.T @ impulse)
-            if len(turned):
-                mean = J @ (before + after) / 2
+            if turned:
+                mean = (J * (light > 0)) @ (before + after) / 2
                 work += float((impulse * mean)[turned].sum())
             velocity[bodies] = after.reshape(-1, 3)
         return velocity, work
@@ -134,13 +139,34 @@ class Assemblies:
         return np.asarray(free - give.T @ np.linalg.pinv(give @ J.T) @ give)
 
 
+def _few_changes(
+    rows: list[list[float]], light: list[float], before: list[float], wanted: list[float]
+) -> list[float]:
+    """Changes of velocities by which few rows have the speeds that are wanted, by Cholesky's method in plain numbers;
+    empty where joints say nearly the same twice."""
+    lower: list[list[float]] = []
+    y: list[float] = []
+    for row, goal in zip(rows, wanted, strict=True):
+        heavy, line = list(map(mul, row, light)), list[float]()
+        for other, known in zip(rows, lower, strict=False):
+            line.append((sum(map(mul, heavy, other)) - sum(map(mul, line, known))) / known[-1])
+        size = sum(map(mul, heavy, row))
+        left = size - sum(map(mul, line, line))
+        if left <= 1e-9 * size:
+            return []
+        y.append((goal - sum(map(mul, row, before)) - sum(map(mul, line, y))) / sqrt(left))
+        lower.append([*line, sqrt(left)])
+    for k in reversed(range(len(y))):
+        y[k] = (y[k] - sum(lower[i][k] * y[i] for i in range(k + 1, len(y)))) / lower[k][k]
+    return [m * sum(map(mul, y, column)) for m, column in zip(light, zip(*rows, strict=True), strict=True)]
+
+
 def _solved(matrix: Array, goal: Array) -> Array:
     """The system's solution; the smallest one where joints say the same twice."""
     try:
         found = np.linalg.solve(matrix, goal)
-        if np.isfinite(found).all() and np.abs(matrix @ found - goal).max(initial=0) <= 1e-6 * np.abs(
-            goal
-        ).max(initial=1e-300):
+        most = 1e-6 * max(map(abs, goal.tolist()), default=0.0)
+        if all(abs(left) <= most for left in (matrix @ found - goal).tolist()):
             return np.asarray(found)
     except np.linalg.LinAlgError:
         pass
@@ -170,18 +196,6 @@ def _error(joint: Joint, spots: _Spots) -> list[float]:
         (u, v, angle), (bx, by) = spots.pose[joint.second], spots.arm(joint.second, joint.second_at)
         u, v = u + bx, v + by
     return [x + ax - u, y + ay - v, turn - angle]
-
-
-def _given(joint: Joint, place: dict[int, int], spots: _Spots, velocity: Array) -> list[float]:
-    """The part of a joint's relative velocity that scripted partners bring."""
-    total = [0.0, 0.0, 0.0]
-    for body, at, sign in ((joint.first, joint.first_at, 1.0), (joint.second, joint.second_at, -1.0)):
-        if body is not None and body not in place:
-            (x, y), (vx, vy, spin) = spots.arm(body, at), velocity[body].tolist()
-            total = [
-                total[0] + sign * (vx - spin * y), total[1] + sign * (vy + spin * x), total[2] + sign * spin
-            ]  # fmt: skip
-    return total
 
 
 def _rows(joint: Joint, place: dict[int, int], spots: _Spots, size: int) -> list[list[float]]:

@@ -31,6 +31,13 @@ from physgen.simulate.trajectory import compose_quaternions as then
 Index = NDArray[np.int64]
 
 
+def _totals(codes: Index, impulse: Array) -> tuple[Index, Array]:
+    """Each code once, and the sum (K, 2) of its impulses."""
+    found, row = np.unique(codes, return_inverse=True)
+    sums = [np.bincount(row, impulse[:, k], len(found)) for k in (0, 1)]
+    return found, np.stack(sums, axis=1).astype(np.float64)
+
+
 class ContactLog:
     """Collects, a block of steps at a time, who touched whom and with what impulse."""
 
@@ -39,7 +46,7 @@ class ContactLog:
         self._surfaces, self._gap = surfaces, gap
         self._open: dict[int, float] = {}
         self._touches: list[tuple[int, float, float]] = []
-        self._keys: list[tuple[Index, Index, Array]] = []
+        self._sums: list[tuple[Index, Array]] = []
 
     def block(
         self,
@@ -60,18 +67,8 @@ class ContactLog:
         swap = first > second
         key = np.where(swap, second, first) * N + np.where(swap, first, second)
         signed = np.where(swap[:, None], -impulse, impulse)
-        self._sum(sample, key, signed)
+        self._sums.append(_totals(sample * (N * N) + key, signed))
         self._touch(times, step, key, when)
-
-    def _sum(self, sample: Index, key: Index, impulse: Array) -> None:
-        if not len(key):
-            return
-        N = len(self._surfaces)
-        pairs, row = np.unique(sample * (N * N) + key, return_inverse=True)
-        total = np.stack([np.bincount(row, impulse[:, k], len(pairs)) for k in (0, 1)], axis=1).astype(
-            np.float64
-        )
-        self._keys.append((pairs // (N * N), pairs % (N * N), total))
 
     def _touch(self, times: Array, step: Index, key: Index, when: Array) -> None:
         """Runs of steps in a row, by pair; a run that goes on from the block before stays open."""
@@ -122,13 +119,8 @@ class ContactLog:
         touches = self._joined(sorted(touches))
         touches.sort(key=lambda touch: (touch[1], touch[0], touch[2]))
         pairs = np.array([divmod(pair, N) for pair, _, _ in touches], np.int32).reshape(-1, 2)
-        sample = np.concatenate([np.zeros(0, np.int64), *(sample for sample, _, _ in self._keys)])
-        key = np.concatenate([np.zeros(0, np.int64), *(key for _, key, _ in self._keys)])
-        part = np.concatenate([np.zeros((0, 2)), *(part for _, _, part in self._keys)])
-        rows, where = np.unique(sample * (N * N) + key, return_inverse=True)
-        total = np.stack([np.bincount(where, part[:, k], len(rows)) for k in (0, 1)], axis=1).astype(
-            np.float64
-        )
+        codes, parts = zip((np.zeros(0, np.int64), np.zeros((0, 2))), *self._sums, strict=True)
+        rows, total = _totals(np.concatenate(codes), np.concatenate(parts))
         given = total.any(axis=1)
         rows, total = rows[given], total[given]
         first, second = np.divmod(rows % (N * N), N) if N else (rows, rows)
@@ -201,12 +193,8 @@ class Recorder:
         dynamic = np.array([b.motion is Motion.DYNAMIC for b in world.bodies], bool)
         self._mass = np.where(dynamic, [b.mass for b in world.bodies], 0.0).reshape(-1)
         self._moment = np.where(dynamic, [b.moment for b in world.bodies], 0.0).reshape(-1)
-        self._scripted = np.concatenate(
-            [
-                np.array([b.motion is Motion.SCRIPTED for b in world.bodies], bool),
-                np.zeros(len(world.walls), bool),
-            ]
-        )
+        scripted = [b.motion is Motion.SCRIPTED for b in world.bodies]
+        self._scripted = np.array(scripted + [False] * len(world.walls), bool)
         self._still = np.array([[*b.center, 0.0] for b in world.bodies]).reshape(-1, 3)
         self._even = 0.1 * float(np.hypot(*world.gravity)) / world.steps_per_second + 1e-6
         """px/s: points of a contact that open no faster than this against each other share its impulse."""

@@ -5,6 +5,7 @@ No other module uses pymunk. Shapes have no elasticity: bounces are computed in 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import Flag
 from itertools import pairwise
 from typing import Any
@@ -30,8 +31,6 @@ SEAM = 0.5
 STRAIGHT = 0.999
 """Cosine of the angle up to which two walls that meet make one smooth line."""
 
-MOST_ORDERS = 1000
-"""Lists of contacts whose order is remembered."""
 Order = tuple[Index, list[tuple[int, int]], Index, bytes]
 """(K,) the order of contacts by pairs and counts, runs that are alike in both, all of each run but its first, and the
 words in that order; an order that changes nothing is empty."""
@@ -92,7 +91,7 @@ class Space:
         writer = "pmSpaceBodySetIteratorFuncBatched"
         self._write_states = _batched(space, writer, _STATE, self._place_buffer)
         self._write_loads = _batched(space, writer, _LOAD, self._push_buffer)
-        self._brakes: dict[Pair, pymunk.SimpleMotor] = {}
+        self._brakes: dict[Pair, tuple[pymunk.SimpleMotor, Any]] = {}
         self._sweeps = int(space.iterations)
         self._orders: dict[bytes, Order] = {}
         """By contacts as pymunk lists them: few lists come again and again."""
@@ -128,7 +127,7 @@ class Space:
     def _in_order(self, listed: bytes, numbers: bytes) -> tuple[bytes, bytes]:
         """Contacts by bodies and places; pymunk's ids and order are those of memory addresses."""
         if listed not in self._orders:
-            if len(self._orders) >= MOST_ORDERS:
+            if len(self._orders) >= 1000:
                 self._orders.clear()
             self._orders[listed] = self._order(listed)
         order, alike, later, words = self._orders[listed]
@@ -152,10 +151,12 @@ class Space:
         words[:, :2] = self._by_id[np.searchsorted(self._ids, words[:, :2].view(np.uint64))]
         key = (words[:, 0] << 32 | words[:, 1]) << 2 | words[:, 2]
         order = np.argsort(key, kind="stable")
-        ends = [*(np.flatnonzero(np.diff(key[order])) + 1).tolist(), len(order)]
         # several pieces or segments, of which some touch at one and the same corner
-        alike = [(start, end) for start, end in pairwise([0, *ends]) if end > start + 1]
-        later = np.array([k for start, end in alike for k in range(start + 1, end)], np.int64)
+        ranked, alike = key[order], list[tuple[int, int]]()
+        later = np.flatnonzero(ranked[1:] == ranked[:-1]) + 1
+        for k in later.tolist():
+            start = alike.pop()[0] if alike and alike[-1][1] == k else k - 1
+            alike.append((start, k + 1))
         if not alike and (order[1:] > order[:-1]).all():
             return later, alike, later, words.tobytes()
         return order, alike, later, words[order].tobytes()
@@ -178,19 +179,19 @@ class Space:
             self._push_buffer._float_arr.num = 0
             lib.cpSpaceEachBody(*self._write_loads)
 
-    def brake(self, key: Pair, torque: float) -> None:
-        """Let a torque of at most so much resist the turning of one body against another or the world."""
-        first, second = key
-        if key not in self._brakes:
-            other = self._anchor if second < 0 else self._bodies[second]
-            motor = pymunk.SimpleMotor(self._bodies[first], other, 0.0)
-            self._space.add(motor)
-            self._brakes[key] = motor
-        self._brakes[key].max_force = torque
+    def brake(self, torques: Mapping[Pair, float]) -> None:
+        """Let torques of at most so much resist the turning of one body against another or the world."""
+        for key, torque in torques.items():
+            if key not in self._brakes:
+                other = self._anchor if key[1] < 0 else self._bodies[key[1]]
+                motor = pymunk.SimpleMotor(self._bodies[key[0]], other, 0.0)
+                self._space.add(motor)
+                self._brakes[key] = motor, motor._constraint
+            lib.cpConstraintSetMaxForce(self._brakes[key][1], torque)
 
     def braked(self) -> dict[Pair, float]:
         """Size of the angular impulse that each brake gave in the last step, g·px²/s."""
-        return {key: float(motor.impulse) for key, motor in self._brakes.items()}
+        return {key: lib.cpConstraintGetImpulse(motor) for key, (_, motor) in self._brakes.items()}
 
 
 def _batched(space: pymunk.Space, name: str, fields: Flag, buffer: batch.Buffer) -> tuple[Any, Any, Any]:

@@ -59,9 +59,7 @@ class StepDivider:
         bodies = [world.bodies[k] for k in moving.tolist()]
         self._limit = np.array([TUNING.share * body.size for body in bodies]).reshape(-1)
         self._reach = np.array([body.reach for body in bodies]).reshape(-1)
-        self._turns = np.array([0.0 if body.radius is not None else body.reach for body in bodies]).reshape(
-            -1
-        )
+        self._turns = np.array([0.0 if body.radius is not None else body.reach for body in bodies], float)
         boxes = [
             (*np.minimum(a, b), *np.maximum(a, b))
             for wall in world.walls
@@ -74,7 +72,6 @@ class StepDivider:
             if body.motion is Motion.STATIC
         ]
         self._still = np.array(boxes, np.float64).reshape(-1, 4)
-        self._free = np.array([body.motion is Motion.DYNAMIC for body in bodies], bool)
         self._jolt = np.zeros(len(bodies))
         """(M,) px/s that pushes may add in a step."""
         row = {int(body): k for k, body in enumerate(moving.tolist())}
