@@ -393,7 +393,7 @@ def summary(perceived: PerceivedScene) -> list[str]:
         f"{name} is pushed {reason}" for name, reason in zip(pushed, reasons, strict=True)
     )
     table["motion"] = table["motion"] or "nothing is pushed; try render --push NAME=right"
-    unsure = [f"{name} {one:g}" for name, one in sure.items() if one < DOUBTS.most]
+    unsure = [f"{name} {one:g}" for name, one in sure.items() if one < DOUBTS.unsure]
     regions = len(document.get("doubtful", ()))
     doubts = [f"{', '.join(unsure)}: delete the entry of what is no object"] if unsure else []
     if regions:

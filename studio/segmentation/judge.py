@@ -39,6 +39,8 @@ WIDTH = 40
 STEPS = 4000
 RIGHT = 0.5
 """Intersection over union from which a proposal is right."""
+COUNTED = 0.5
+"""Expected fit from which chosen proposals are counted: those below the threshold of objects are doubtful regions."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +130,7 @@ def judged(some: Sequence[Tried]) -> dict[str, list]:
         }
         for one in some[1 - half :: 2]:
             fit = worth(one.found, judge.expected_fit(one.found.evidence, numbers))
-            chosen = choose(one.found, fit)
+            chosen = choose(one.found, fit, COUNTED)
             pairs += list(zip(fit[chosen].tolist(), (one.fit[chosen] >= RIGHT).tolist(), strict=True))
     fit, right = counted(pairs)
     return {**teach(some, 2), "fit": fit, "right": right}

@@ -23,17 +23,10 @@ from physgen.perceive.segment.selection import SHARED, best_set, exclusions, sea
 class LearnedConstants:
     """Constants of the selection, chosen on the studio's tune half and on the validation homes."""
 
-    threshold: float = (
-        0.65  # expected fit from which a proposal may be an object: half of such ones are right
-    )
-    area_power: float = (
-        0.5  # exponent of the area in a proposal's gain, which balances wholes against their parts
-    )
+    threshold: float = 0.65  # expected fit above which a proposal may be an object: half of such are right
+    area_power: float = 0.5  # exponent of the area in a proposal's gain, which balances wholes against parts
     agreement: float = 0.5  # bonus of the selection by edges
-    foreground: tuple[float, ...] = (
-        0.3,
-        0.6,
-    )  # mean foreground from which the bonus counts in part, and in full
+    foreground: tuple[float, ...] = (0.3, 0.6)  # mean foreground from which that counts in part, in full
     best: float = 0.99  # highest fit with the bonus
     doubtful: float = 0.1  # confidence from which a proposal is a doubtful object
     gap_penalty: float = 0.35  # of a selected proposal whose colours continue around it
@@ -221,14 +214,14 @@ def typical(found: Candidates, fit: NDArray[np.float64], best: NDArray[np.intp])
     return best
 
 
-def choose(found: Candidates, fit: NDArray[np.float64]) -> NDArray[np.intp]:
-    """The candidates without overlap of the largest total gain."""
-    pool = np.flatnonzero(fit > LEARNED.threshold)
+def choose(found: Candidates, fit: NDArray[np.float64], least: float = LEARNED.threshold) -> NDArray[np.intp]:
+    """The candidates without overlap of the largest total gain, of a fit above the `least`."""
+    pool = np.flatnonzero(fit > least)
     if not len(pool):
         return pool
     some: list[Proposal] = [found.proposals[k] for k in pool.tolist()]
     area = np.array([one.area for one in some], np.float64) / (found.shape[0] * found.shape[1])
-    gain = (fit[pool] - LEARNED.threshold) * area**LEARNED.area_power
+    gain = (fit[pool] - least) * area**LEARNED.area_power
     return pool[best_set(gain, exclusions(some))]
 
 

@@ -126,8 +126,8 @@ class _Doubts:
     each leaves out two at most.
     """
 
-    sure: float = 0.65  # confidence that the surest object has
-    most: float = 0.5  # median confidence of the objects
+    expected: float = 0.66  # F of objects and doubtful regions, as their confidences state it
+    unsure: float = 0.65  # confidence of an object; a third of such are none
     unclear: float = 0.1  # doubtful regions, where they cover more than the objects do
     fixed: float = 0.1  # wholes that nobody moves
     sky: float = 0.25  # of the upper half
@@ -171,9 +171,9 @@ def _photo_doubts(
     rgb: Rgb, found: Detections, objects: Sequence[PhotoObject], area: Mapping[int, float]
 ) -> list[str]:
     """Doubts about what was found, and about the texture around it."""
-    sure = [found.confidence.get(t.id, 1.0) for t in objects]
-    reasons = []
-    if max(sure, default=0) < DOUBTS.sure or float(np.median(sure)) < DOUBTS.most:
+    reasons, right = [], sum(found.confidence.get(t.id, 1.0) for t in objects)
+    true = right + sum(doubt.confidence for doubt in found.doubtful)
+    if 2 * right <= DOUBTS.expected * (len(objects) + true):
         reasons.append("few sure objects")
     unclear = np.zeros(found.labels.shape, np.uint8)
     for doubt in found.doubtful:
