@@ -25,7 +25,7 @@ LEAST = 64
 
 
 def photos(folder: Path) -> Iterator[tuple[str, str, np.ndarray, np.ndarray]]:
-    """Name, set, rgb (H, W, 3), labels (H, W) of all photos but the rendered homes."""
+    """Name, set, rgb (H, W, 3), labels (H, W) of all photos but the rendered homes; of COCO's, objects that count."""
     for name, some in sets(folder).items():
         for pair in some if name != "homes" else ():
             labels = read_labels(pair.truth)

@@ -50,14 +50,14 @@ network gives 0.1, and 0.98 of those that it gives 0.6, are cut out with an IoU 
 
 @dataclass(frozen=True)
 class PromptSearch:
-    """Constants of the search for prompted objects, chosen on the studio's photos for tuning and on peers' photos.
+    """Constants of the search for prompted objects, chosen on the studio's photos for tuning, homes and peers' photos.
 
     Boxes were 10 % loose or had sides 10 % off.
     """
 
     weak: float = 0.33
     """Confidence below which the user is asked to check the object."""
-    likely: float = 0.5
+    likely: float = 0.6
     """Confidence from which a point takes the segmenter's object."""
     visible: float = 0.3
     """Share of a prompted object that the others must leave visible."""
@@ -86,11 +86,11 @@ class PromptSearch:
     """Of a box's sides: scale of the penalty beyond."""
     photo_area: int = 512 * 512
     """px searched for points; larger photos are reduced to it."""
-    point_areas: tuple[float, float] = (0.0003, 0.22)
+    point_areas: tuple[float, float] = (0.0003, 0.6)
     """Of the photo's area: bounds of the area of an object at a point."""
     point_band: float = 0.04
     """As `box_band`."""
-    least_score: float = 0.35
+    least_score: float = 0.2
     """Below which a proposal at a point is no object."""
     area_power: float = 0.1
     """Users mean wholes rather than parts."""
