@@ -35,7 +35,9 @@ def test_clip(
     ndarrays_regression: NDArraysRegressionFixture,
     image_regression: ImageRegressionFixture,
 ) -> None:
-    first = ["world.duration=2"] if name == "billiards" else []  # what a break becomes later hangs on the last bit
+    first = (
+        ["world.duration=2"] if name == "billiards" else []
+    )  # what a break becomes later hangs on the last bit
     scene = pipeline.load(bundled / name / "scene.yaml", first)
     maps = pipeline.percepts(scene)
     compiled = pipeline.compile(scene, maps)
