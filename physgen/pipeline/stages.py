@@ -90,9 +90,9 @@ def ended(scene: Scene, compiled: Compiled) -> Compiled:
     if not scene.world.until_rest:
         return compiled
     slow = 1.0 if scene.render.frames is not None else scene.render.slow
-    world, pause = compiled.world, 0.5 / slow
+    world, pause, most = compiled.world, 0.5 / slow, scene.world.duration / slow
     reach = np.array([body.reach for body in world.bodies] or [0.0])
-    for length in (1.25 / slow, 2.5 / slow, 5 / slow, scene.world.duration / slow):
+    for length in (*(part / slow for part in (1.25, 2.5, 5.0) if part / slow < most), most):
         times = np.arange(0.0, length, pause / 15)
         poses = simulate(replace(world, duration=length, times=times)).poses
         off = np.abs(poses - poses[-1:]) * np.array([1.0, 1.0, 0.0])
@@ -104,7 +104,7 @@ def ended(scene: Scene, compiled: Compiled) -> Compiled:
         last = float(times[moving.any(axis=1)].max(initial=0.0))
         if last <= length - 2 * pause:
             break
-    end = min(max(last + pause, 1 / slow), scene.world.duration / slow)
+    end = min(max(last + pause, 1 / slow), most)
     return replace(compiled, world=replace(world, duration=end, times=frame_times(scene, end)))
 
 
