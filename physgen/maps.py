@@ -59,7 +59,7 @@ class Percepts:
         if self.coverage is None:
             return self.labels
         areas = np.bincount(self.labels.ravel())
-        covered = 2 * np.bincount(self.labels.ravel(), self.coverage.ravel()) > areas
+        covered = 2 * np.bincount(self.labels.ravel(), self.coverage.ravel() > 0) > areas
         return np.where(covered[self.labels], self.labels, np.uint16(0))
 
 

@@ -301,18 +301,20 @@ def fit_objects(rgb: Rgb, found: Detections) -> tuple[list[PhotoObject], int]:
     if not ids:
         return [], len(every)
     outlines = fit_outlines(labels, ids)
-    # masks that are found may end before the border that cuts their object
-    near = 0 if found.source == "given" else round(0.012 * max(width, height))
+    # a network's mask may end before the border that cuts its object
+    near = min(round(0.012 * max(width, height)), min(width, height) // 4)
     on_border, beside = (
         np.unique(np.concatenate([labels[k], labels[-1 - k], labels[:, k], labels[:, -1 - k]]))
         for k in (0, near)
     )
+    by_hand = ("given", "pointed at", "drawn", "kept")
     objects = []
     for i in ids:
         x0, y0, x1, y1 = bounds(outlines[i])
         beyond = max(-0.5 - x0, -0.5 - y0, x1 - width + 0.5, y1 - height + 0.5)
-        cut = beyond > 0 or i in on_border or (i in beside and not isinstance(outlines[i], Disc))
-        objects.append(PhotoObject(i, outlines[i], cut=cut))
+        exact = i in found.prompts or (found.mask_sources.get(i) or found.source).startswith(by_hand)
+        ends = not exact and not isinstance(outlines[i], Disc) and i in beside
+        objects.append(PhotoObject(i, outlines[i], cut=bool(beyond > 0 or i in on_border or ends)))
     return objects, len(every) - len(ids)
 
 

@@ -155,7 +155,10 @@ def merge_documents(
     world, seen = dict(old.get("world", {})), new["world"]
     if scaled and seen["pixels_per_meter"] != world.get("pixels_per_meter", PAPER_SCALE):
         world["pixels_per_meter"] = seen["pixels_per_meter"]
-    if "table" not in seen and world.get("table") == document.TABLE:  # seen from the side now
+    if "table" not in seen and world.get("table") in (
+        document.TABLE,
+        {"friction": 0},
+    ):  # seen from the side now
         del world["table"]
     if "table" in seen and "table" not in world and seen["view"] != record.world.get("view"):
         world["table"] = seen["table"]

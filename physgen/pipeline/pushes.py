@@ -100,10 +100,11 @@ def default_push(scene: Scene, shapes: Shapes, sure: Mapping[str, float]) -> Pus
             tried.append((shown, Push(item.name, velocity, _comment(way))))
             farthest = max(farthest, way_gone)
         now = max((shown for shown, _ in tried), default=0.0)
-        more = now > TRIAL.worth * most
+        above = scene.world.view is View.TOP
+        more = now > (TRIAL.worth if above else 1.0) * most
         if more:
             best, most = next(push for shown, push in tried if shown >= TRIAL.enough * now), now
-        if (farthest >= TRIAL.far / 2 or most >= TRIAL.many) and not (more and scene.world.view is View.TOP):
+        if (farthest >= TRIAL.far / 2 or most >= TRIAL.many) and not (more and above):
             break
     return best
 

@@ -370,7 +370,7 @@ class Stepper:
             load: Forces | None = None
             if self._lasting.pushes:
                 placed = self.state() if state is None else state
-                alone = state is None and not self._words
+                alone = state is None and not self._words and not self._joined.busy
                 load = self._lasting.push(placed, end, h, first=first, alone=alone)
                 self._space.push(load.total if len(load.total) == M else load.total[self._space.moving])
             self._space.brake(self._lasting.torques)

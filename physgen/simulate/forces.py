@@ -299,7 +299,7 @@ class StepForces:
 
     def push(self, state: Array, end: float, h: float, *, first: bool, alone: bool) -> Forces:
         """Lasting forces for the step to `end`, taken where the bodies then are; `alone`: nothing touched in the step
-        before, or stepped in since."""
+        before, no joint holds, and nothing stepped in since."""
         velocity = self._spread(state[:, 3:], self._nothing)
         load = Forces(self._nothing, None, None, None)
         if self._loads.busy:

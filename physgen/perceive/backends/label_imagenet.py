@@ -91,10 +91,10 @@ def imagenet() -> Label:
 def _imagenet(rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]) -> Mapping[int, Name]:
     names = {i: replace(name, source="shape") for i, name in shape()(rgb, labels, objects).items()}
     large = [item.id for item in objects if np.count_nonzero(labels == item.id) >= CROP.least]
+    pool = _pool(rgb, [item.id for item in objects if isinstance(item.outline, Disc)])
     if not large:
-        return names
+        return names | pool
     head = heads()
-    pool = _pool(rgb, [item.id for item in objects if isinstance(item.outline, Disc)], head)
     seen = head.chances(np.stack([features(crop(rgb, labels == i)) for i in large]))
     for i, chances, sureness in zip(large, *seen, strict=True):
         best = np.argsort(-chances[:-1])[: CROP.likely + 1]
@@ -103,15 +103,14 @@ def _imagenet(rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]) -> Mappi
             names[i] = Name(likely[0][0], round(float(sureness), 2), tuple(likely[1:]), "imagenet")
         else:
             names[i] = replace(names[i], likely=tuple(likely[: CROP.likely]))
-        if i in pool:
-            names[i] = pool[i]
-    return names
+    return names | pool
 
 
-def _pool(rgb: Rgb, round_ones: Sequence[int], head: Heads) -> dict[int, Name]:
+def _pool(rgb: Rgb, round_ones: Sequence[int]) -> dict[int, Name]:
     """What is round on a pool table: the photo as a whole tells, a ball alone could be any."""
     if len(round_ones) < CROP.rack:
         return {}
+    head = heads()
     whole = cv2.resize(rgb, (CROP.side, CROP.side), interpolation=cv2.INTER_AREA).astype(np.float32)
     chances = _softmax(features(whole)[None] @ head.weights.T + head.bias)[0]
     name = Name("billiard ball", CROP.certain, (), "imagenet")
