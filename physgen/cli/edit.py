@@ -148,7 +148,7 @@ def _add_file_edit(extra: Sequence[str], parser: Parser) -> None:
     if "to" in extra:
         parser.add_argument("to", metavar="NEW", help="its new name")
     if "layer" in extra:
-        parser.add_argument("layer", metavar="N", type=whole(-1000, 1000), help="larger is nearer")
+        parser.add_argument("layer", metavar="N", type=whole(-1_000_000, 1_000_000), help="larger is nearer")
     parser.flag("--allow-outside", "let the scene read files outside its folder")
 
 

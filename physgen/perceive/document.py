@@ -395,7 +395,7 @@ def summary(perceived: PerceivedScene) -> list[str]:
     table["motion"] = table["motion"] or "nothing is pushed; try render --push NAME=right"
     unsure = [f"{name} {one:g}" for name, one in sure.items() if one < DOUBTS.unsure]
     regions = len(document.get("doubtful", ()))
-    doubts = [f"{', '.join(unsure)}: delete the entry of what is no object"] if unsure else []
+    doubts = [f"{', '.join(unsure)}: what is no object goes under doubtful, as {{mask: N}}"] if unsure else []
     if regions:
         doubts.append(
             f"{counted(regions, 'region')} may be objects, too: move maybe-1 ... to objects to have them"

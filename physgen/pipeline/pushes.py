@@ -176,7 +176,9 @@ def _shown(scene: Scene, shapes: Shapes, item: Object, velocity: tuple[float, fl
     away = np.where(inside, np.hypot(*np.moveaxis(poses - poses[:1], -1, 0)), 0).max(axis=0) / side
     fastest = float(np.hypot(*np.moveaxis(np.diff(poses, axis=0), -1, 0)).max(initial=0.0)) / times[1]
     fall = (2 * hypot(*scene.world.gravity) * side) ** 0.5
-    if away.max(initial=0.0) < TRIAL.least or fastest > TRIAL.wild * (hypot(*velocity) + fall):
+    gone = (poses - poses[:1])[:, scene.objects.index(item)] @ np.array(velocity)
+    backwards = -gone.min() > gone.max()  # something stands in its way
+    if backwards or away.max(initial=0.0) < TRIAL.least or fastest > TRIAL.wild * (hypot(*velocity) + fall):
         return 0.0, 0.0
     return float(np.minimum(away / TRIAL.far, 1.0).sum() + inside.mean()), float(away.max())
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from physgen.compile.compile import Compiled
     from physgen.compile.shapes import Shapes
     from physgen.compile.world import World
-    from physgen.maps import Percepts
+    from physgen.maps import F32, U16, Percepts
     from physgen.render.camera import Shot
     from physgen.render.stage import Frame, Stage
     from physgen.report.record import RunRecord
@@ -173,12 +173,30 @@ def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
         return Stage(flat_background(world, large), sprites, supersample=fine, scale=large)
     coverage, background = filled(maps, compiled.labels, compiled.scenery)
     doubtful = [one["mask"] for one in scene.document.get("doubtful", {}).values()]
+    maps, coverage, background = _put_back(maps, doubtful, coverage, background, compiled.labels)
     absent = (maps.cut_out > 0) & (compiled.labels == 0) & ~compiled.scenery & ~np.isin(maps.labels, doubtful)
     with single_threaded():
         shapes = compiled.shapes.outlines
         sprites = cut_sprites(maps.rgb, compiled.labels, absent, coverage, background, order, shapes, layers)
         made = lit_stage(scene, world, sprites, maps, background, coverage, absent)
     return replace(made, supersample=fine, starts=begin)
+
+
+def _put_back(
+    maps: Percepts, doubtful: Sequence[object], coverage: F32, background: NDArray[np.uint8], labels: U16
+) -> tuple[Percepts, F32, NDArray[np.uint8]]:
+    """Maps, coverage and background with the photo where `doubtful` ids were cut out as objects: they are none."""
+    from physgen.perceive.inpaint.poisson import dilate
+
+    flat = maps.labels.ravel()
+    whole = np.flatnonzero(np.bincount(flat, coverage.ravel()) > 0.75 * np.bincount(flat))
+    there = dilate(np.isin(maps.labels, [i for i in whole if i in doubtful]), 10) & ~dilate(labels > 0, 3)
+    if not there.any():
+        return maps, coverage, background
+    shown = there[..., None]
+    clean = None if maps.clean is None else np.where(shown, maps.rgb, maps.clean)
+    coverage, background = np.where(there, np.float32(0), coverage), np.where(shown, maps.rgb, background)
+    return replace(maps, clean=clean), coverage, background
 
 
 def filled(

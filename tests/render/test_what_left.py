@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -140,3 +141,19 @@ def test_the_dark_between_two_balls_goes_with_either(tmp_path: Path) -> None:
         first, left = emptied(compiled, stage, stays)
         assert first[dark].max() < 32
         assert left[dark].mean(axis=0) == pytest.approx((40, 130, 60), abs=12)
+
+
+def test_what_is_called_doubtful_afterwards_is_put_back(tmp_path: Path) -> None:
+    """An object that is none: taken out it leaves the picture, under `doubtful` it stays, in every frame."""
+    rack(tmp_path)
+    path = tmp_path / "scene.yaml"
+    written = re.sub(r"  ball-2.*\n", "", path.read_text())
+    for doubtful, off in (("doubtful: {ball-2: {mask: 2}}\n", 1), ("", None)):
+        path.write_text(written + doubtful)
+        scene = pipeline.load(path)
+        maps = pipeline.percepts(scene)
+        compiled = pipeline.compile(scene, maps)
+        first, left = emptied(compiled, pipeline.stage(scene, compiled, maps))
+        ball = maps.labels == 2
+        worst = max(np.abs(frame - maps.rgb)[ball].max() for frame in (first, left))
+        assert worst <= off if off is not None else worst > 60

@@ -9,6 +9,7 @@ import pytest
 from pytest import approx
 from worlds import GRAVITY, ball, box, floor, push, world
 
+from physgen import pipeline
 from physgen.problems import InputError
 from physgen.scene.scene import Load, Motion
 from physgen.simulate.engine import simulate
@@ -89,3 +90,20 @@ def test_motion_beyond_all_numbers_is_told() -> None:
     light = ball("a", 0, 0, mass=1e-300, v=(1e12, 0))
     with pytest.raises(InputError, match=r"objects\.a: leaves all numbers by t ="):
         simulate(world(light, pushes=[push(Load.FORCE, (1e12, 0))]))
+
+
+def test_a_pinned_disc_is_braked_along_its_circle(tmp_path: Path) -> None:
+    """Friction mu m g against the way turns R from the pin: the circle ends after w0^2 R / (2 mu g k) rad, where
+    w0 = k v / R, and k = R^2 / (R^2 + r^2 / 2) is the disc's share of its moment about the pin."""
+    path = tmp_path / "scene.yaml"
+    path.write_text(
+        "physgen: 1\nsize: [400, 400]\n"
+        "world: {view: top, pixels_per_meter: 800, duration: 1, table: {friction: 0.2}}\n"
+        "objects:\n  a: {shape: {circle: {center: [250, 200], radius: 3}}, friction: 0.2, velocity: [0, 700]}\n"
+        "joints: {pin: {objects: [a], pivot: [200, 200]}}\n"
+    )
+    x, y = (simulate(pipeline.compile(pipeline.load(path), None).world).poses[:, 0, :2] - 200).T
+    angle = np.unwrap(np.arctan2(y, x))
+    k = 50**2 / (50**2 + 3**2 / 2)
+    assert angle[-1] == approx((k * 700 / 50) ** 2 * 50 / (2 * 0.2 * 9.8 * 800 * k), rel=3e-3)
+    assert np.hypot(x, y) == approx(50, abs=0.01)

@@ -55,47 +55,31 @@ class PromptSearch:
     Boxes were 10 % loose or had sides 10 % off.
     """
 
-    weak: float = 0.33
-    """Confidence below which the user is asked to check the object."""
-    likely: float = 0.6
-    """Confidence from which a point takes the segmenter's object."""
-    visible: float = 0.3
-    """Share of a prompted object that the others must leave visible."""
-    kept: int = 25
-    """Proposals whose variants are scored."""
+    weak: float = 0.33  # confidence below which the user is asked to check the object
+    likely: float = 0.6  # confidence from which a point takes the segmenter's object
+    visible: float = 0.3  # share of a prompted object that the others must leave visible
+    kept: int = 25  # proposals whose variants are scored
     score_power: float = 2.0
-    colour_power: float = 0.25
-    """Of the IoU with GrabCut's result."""
+    colour_power: float = 0.25  # of the IoU with GrabCut's result
     agreement_power: float = 1.0
     box_side: float = 100
     """px: geometric mean of a box's sides at working size; smaller boxes are enlarged, up to `zoom` times."""
     zoom: float = 3.0
-    margin: float = 0.35
-    """Of a box's sides: searched around it, 8 px at least."""
-    reach: float = 0.25
-    """Of a box's sides, that a proposal may lie outside."""
-    box_areas: tuple[float, float] = (0.12, 1.4)
-    """Of a box's area: bounds of a proposal's."""
+    margin: float = 0.35  # of a box's sides: searched around it, 8 px at least
+    reach: float = 0.25  # of a box's sides, that a proposal may lie outside
+    box_areas: tuple[float, float] = (0.12, 1.4)  # of a box's area: bounds of a proposal's
     box_band: float = 0.02
     """Movement of the final outline, in square roots of its area: small, since edges were fitted before."""
-    network_side: int = 256
-    """px: the longer side of a box's surroundings in the network's look."""
-    forgiven: float = 0.09
-    """Of a box's sides: distance of an object's side from the box's without a penalty."""
-    spread: float = 0.09
-    """Of a box's sides: scale of the penalty beyond."""
-    photo_area: int = 512 * 512
-    """px searched for points; larger photos are reduced to it."""
+    network_side: int = 256  # px: the longer side of a box's surroundings in the network's look
+    forgiven: float = 0.09  # of a box's sides: distance of an object's side from the box's without a penalty
+    spread: float = 0.09  # of a box's sides: scale of the penalty beyond
+    photo_area: int = 512 * 512  # px searched for points; larger photos are reduced to it
     point_areas: tuple[float, float] = (0.0003, 0.6)
     """Of the photo's area: bounds of the area of an object at a point."""
-    point_band: float = 0.04
-    """As `box_band`."""
-    least_score: float = 0.2
-    """Below which a proposal at a point is no object."""
-    area_power: float = 0.1
-    """Users mean wholes rather than parts."""
-    depth_power: float = 2.0
-    """Of how deep inside the object a point lies."""
+    point_band: float = 0.04  # as `box_band`
+    least_score: float = 0.2  # below which a proposal at a point is no object
+    area_power: float = 0.1  # users mean wholes rather than parts
+    depth_power: float = 2.0  # of how deep inside the object a point lies
 
 
 SEARCH = PromptSearch()
