@@ -46,6 +46,7 @@ class _Trial:
     )
     slender: float = 1.5  # times width over height: of the speed, for what topples before it slides
     gentlest: float = 0.3  # of the speed, at least
+    back: float = 0.25  # of what is shown, where the object goes back instead: something stands in its way
     harder: tuple[float, ...] = (1.0, 1.5, 2.5)
     """Times the ordinary speed, tried in turn until something moves half as far as counts in full, or many do, and,
     seen from above, until no tenth more is shown: a rack wants a break."""
@@ -177,10 +178,10 @@ def _shown(scene: Scene, shapes: Shapes, item: Object, velocity: tuple[float, fl
     fastest = float(np.hypot(*np.moveaxis(np.diff(poses, axis=0), -1, 0)).max(initial=0.0)) / times[1]
     fall = (2 * hypot(*scene.world.gravity) * side) ** 0.5
     gone = (poses - poses[:1])[:, scene.objects.index(item)] @ np.array(velocity)
-    backwards = -gone.min() > gone.max()  # something stands in its way
-    if backwards or away.max(initial=0.0) < TRIAL.least or fastest > TRIAL.wild * (hypot(*velocity) + fall):
+    if away.max(initial=0.0) < TRIAL.least or fastest > TRIAL.wild * (hypot(*velocity) + fall):
         return 0.0, 0.0
-    return float(np.minimum(away / TRIAL.far, 1.0).sum() + inside.mean()), float(away.max())
+    shown = float(np.minimum(away / TRIAL.far, 1.0).sum() + inside.mean())
+    return shown * (TRIAL.back if -gone.min() > gone.max() else 1.0), float(away.max())
 
 
 def _comment(way: tuple[float, float]) -> str:
