@@ -357,6 +357,9 @@ class _Run:
                 body.name for body in sorted(world.bodies, key=lambda one: one.motion is not Motion.DYNAMIC)
             ]
             fix = "".join(f"try --push {name}=right, or write a velocity or a force" for name in names[:1])
+            for name in [item.name for item in scene.objects if any(item.velocity)][:1]:
+                look = '--set "render.overlay=[outlines, contacts]"'
+                fix = f"{name} has a velocity and is stuck: see what holds it by {look}"
             why = "nothing moves in this clip" + ": the scene has no objects" * (not names)
             self.warn(Problem(scene.place("objects"), "", "", why, fix or ADD_OBJECT, Severity.WARNING))
         record.samples, record.effort = trajectory.sample_hashes(), asdict(trajectory.effort)

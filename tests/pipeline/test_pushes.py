@@ -192,3 +192,15 @@ def test_a_scene_without_objects_is_told_how_to_add_one(tmp_path: Path, capsys) 
     for line in lines:
         assert "NAME" not in line
         assert "--box X,Y,W,H or --point X,Y" in line
+
+
+def test_what_is_pushed_and_stuck_is_said_to_be_held(tmp_path: Path, capsys) -> None:
+    path = tmp_path / "scene.yaml"
+    path.write_text(
+        "physgen: 1\nsize: [200, 200]\nworld: {pixels_per_meter: 800, duration: 0.2}\nobjects:\n"
+        "  block: {shape: {box: {center: [100, 140], size: [20, 20]}}, velocity: [200, 0]}\nboundaries:\n"
+        "  floor: {segment: [[-100, 150], [300, 150]]}\n"
+        "  left: {segment: [[90, 100], [90, 150]]}\n  right: {segment: [[110, 100], [110, 150]]}\n"
+    )
+    assert main(["render", str(path), "-o", str(tmp_path / "out")]) == 0
+    assert "nothing moves in this clip; block has a velocity and is stuck" in capsys.readouterr().err
