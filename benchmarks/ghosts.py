@@ -29,7 +29,7 @@ from physgen.simulate.engine import simulate
 ROOT = Path(__file__).resolve().parents[1]
 PERCEIVED = ("billiards", "dominoes")
 PUSHES = {
-    "billiards": ["objects.ball-1.velocity=[4200,-356]"],
+    "billiards": ["objects.billiard-ball-1.velocity=[4200,-356]"],
     "dominoes": [
         "world.pixels_per_meter=1000",
         "forces=[{object: block-1, impulse: [1200, 0], at: [160, 262]}]",
