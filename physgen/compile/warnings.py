@@ -28,35 +28,26 @@ Mask = NDArray[np.bool_]
 class WarningLimits:
     """Thresholds of warnings."""
 
-    away: float = 0.5
-    """px by which a view may be moved without anyone seeing it."""
-    reach: int = 5
-    """px beyond a mask's border that its soft coverage may reach."""
-    pairs: int = 200
-    """Overlapping pairs that are named, about; further ones are counted."""
-    overlap: float = 0.25
-    """px of overlap at t = 0 that the engine resolves without anyone seeing it."""
+    away: float = 0.5  # px by which a view may be moved without anyone seeing it
+    reach: int = 5  # px beyond a mask's border that its soft coverage may reach
+    pairs: int = 200  # overlapping pairs that are named, about; further ones are counted
+    overlap: float = 0.25  # px of overlap at t = 0 that the engine resolves without anyone seeing it
     near: float = 42 / 512
     """Of the photo's longer side: around what is covered `background.png` need not be the photo; rims and contact
     shadows are filled there."""
     over: int = 5
     """px a side of the squares over which differences are averaged: what compression leaves of a photo is gone then."""
-    levels: int = 8
-    """Grey levels of such a mean from which on a pixel is not the photo's."""
-    least: int = 64
-    """Such pixels in one piece from which on a map counts as different: 8 x 8 px."""
+    levels: int = 8  # grey levels of such a mean from which on a pixel is not the photo's
+    least: int = 64  # such pixels in one piece from which on a map counts as different: 8 x 8 px
     missed: float = 0.03
     """Part of a mask that its shape may miss, or by which it may reach beyond what the photo shows of any object."""
     seen: float = 0.08
     """Of a mask's size (root of its area): how far it may reach beyond the hull of its shape.
 
     The photo also shows a top, an inside or a rim nearer the lens."""
-    thin: int = 5
-    """px: threads and wires narrower than this need no shape."""
-    frames: int = 1800
-    """A minute of video at 30 a second: more is seldom meant."""
-    draws: float = 0.03
-    """s for a frame of 512 x 512 px and its files, about, on two cores of 2020."""
+    thin: int = 5  # px: threads and wires narrower than this need no shape
+    frames: int = 1800  # a minute of video at 30 a second: more is seldom meant
+    draws: float = 0.03  # s for a frame of 512 x 512 px and its files, about, on two cores of 2020
     support: float = 4.0
     """px below an object in which its support must lie; outlines and floors of photos are off by as much."""
 
@@ -64,17 +55,15 @@ class WarningLimits:
 LIMITS = WarningLimits()
 PARTS = (1.0, 0.75, 0.5, 0.25, 0.125)
 """Of the way down to its support, at which an object is tried; 0.5 px is less than any object's height."""
-TOUCH = 1e-6
-"""px of overlap that rounding makes of none."""
-SAMPLES = 32
-"""Places along a boundary within an object at which its depth is taken."""
+TOUCH = 1e-6  # px of overlap that rounding makes of none
+SAMPLES = 32  # places along a boundary within an object at which its depth is taken
 
 
 def lint(scene: Scene, compiled: Compiled, maps: Percepts | None = None) -> list[Problem]:
     """Every warning, sorted by place; those of the photo's maps where `maps` are given."""
     rules = (_overlaps, _unsupported, _without_effect, _missed_masks, _views, _followed, _long)
     found = [problem for rule in rules for problem in rule(scene, compiled)]
-    return by_place([*found, *photo_differs(scene, compiled, maps)])
+    return by_place([*found, *photo_differs(scene, compiled, maps), *_doubtful(scene, maps)])
 
 
 def _without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
@@ -206,6 +195,24 @@ def photo_differs(scene: Scene, compiled: Compiled, maps: Percepts | None) -> It
         expected = f"differs from background.png in {len(rows):,} px beside the objects ({where}), which the clip shows"
         fix = "if the photo was edited, physgen perceive --refresh makes the maps anew"
         yield warning(scene, "image", scene.image.name, expected, fix)
+
+
+def _doubtful(scene: Scene, maps: Percepts | None) -> Iterator[Problem]:
+    """Doubtful ids that no region has, or an object."""
+    owners, named = (
+        {name: one["mask"] for name, one in entries.items() if isinstance(one.get("mask"), int)}
+        for entries in (scene.document["objects"], scene.document.get("doubtful", {}))
+    )
+    owners = {mask: name for name, mask in owners.items()}
+    there = set(np.unique(maps.labels).tolist()) if named and maps is not None else set(named.values())
+    for name, mask in named.items():
+        if mask in owners:
+            fix = f"delete this entry, or objects.{owners[mask]}"
+            expected = f"is {owners[mask]}'s, which stays an object"
+            yield warning(scene, f"doubtful.{name}.mask", str(mask), expected, fix)
+        elif mask not in there:
+            fix = "write the mask of the entry that was an object"
+            yield warning(scene, f"doubtful.{name}.mask", str(mask), "is no id in masks.png", fix)
 
 
 def _mean_difference(one: U8, other: U8, within: Mask) -> NDArray[np.int16]:

@@ -157,3 +157,19 @@ def test_what_is_called_doubtful_afterwards_is_put_back(tmp_path: Path) -> None:
         ball = maps.labels == 2
         worst = max(np.abs(frame - maps.rgb)[ball].max() for frame in (first, left))
         assert worst <= off if off is not None else worst > 60
+
+
+@pytest.mark.parametrize(
+    ("mask", "said"), [(9, "is no id in masks.png"), (1, "is ball-1's, which stays an object")]
+)
+def test_a_doubtful_id_that_can_mean_nothing_is_told(mask: int, said: str, tmp_path: Path) -> None:
+    rack(tmp_path, f"doubtful:\n  mirror: {{mask: {mask}}}\n")
+    scene = pipeline.load(tmp_path / "scene.yaml")
+    maps = pipeline.percepts(scene)
+    (told,) = [
+        p
+        for p in pipeline.lint(scene, pipeline.compile(scene, maps), maps)
+        if p.path == "doubtful.mirror.mask"
+    ]
+    assert said in str(told)
+    assert told.place.line is not None

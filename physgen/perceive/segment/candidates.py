@@ -42,26 +42,18 @@ RANGES = (range(0, 2), range(2, 6), range(6, 8))
 class CandidateConstants:
     """Constants of proposals from the network; areas are in px of its grid."""
 
-    surroundings: int = 3
-    """px of the grid around a proposal that count as its surroundings."""
-    on: float = 0.3
-    """Foreground from which a basin may be part of an object."""
+    surroundings: int = 3  # px of the grid around a proposal that count as its surroundings
+    on: float = 0.3  # foreground from which a basin may be part of an object
     border_share: float = 0.6
     """Share of the boundary map in the relief; the rest is the lack of affinity of neighbours."""
-    edge_share: float = 0.7
-    """Share of a border that needs an edge in the photo, which fixes its exact course."""
+    edge_share: float = 0.7  # share of a border that needs an edge in the photo, which fixes its exact course
     score_middle: float = 0.8
     """Score of the selection by edges whose confidence is a half; chosen on tune and validation data."""
-    score_width: float = 0.05
-    """Width of the logistic from score to confidence."""
-    least_foreground: float = 0.2
-    """Mean foreground of a proposal below which it is dropped."""
-    joining: int = 9
-    """px of the grid: pairs of pixels up to so far apart say which basins belong together."""
-    whole: float = 0.4
-    """Mean affinity from which parts are one object."""
-    smallest: int = 14
-    """px of the network's grid, of the smallest proposal."""
+    score_width: float = 0.05  # width of the logistic from score to confidence
+    least_foreground: float = 0.2  # mean foreground of a proposal below which it is dropped
+    joining: int = 9  # px of the grid: pairs of pixels up to so far apart say which basins belong together
+    whole: float = 0.4  # mean affinity from which parts are one object
+    smallest: int = 14  # px of the network's grid, of the smallest proposal
 
 
 CANDIDATES = CandidateConstants()
