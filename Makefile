@@ -2,7 +2,7 @@
 # make test: install what tests need, lint, type-check, run the tests that are not slow
 # make test-slow: the slow tests alone
 # make docs: build the site of docs/ into out/site, with strict links
-# make train: draw and render pictures, train the networks that find and name objects and export them; 100 minutes on two cores; needs PHYSGEN_MATERIAL
+# make train: draw and render pictures, train the networks that find and name objects and export them; 160 minutes on two cores; needs PHYSGEN_MATERIAL
 # make studio: render the bundled photos and their truth again, from scratch, into out/studio, and compare; hours, and LLVM
 PYTHON ?= python3
 BIN = .venv/bin
@@ -49,6 +49,8 @@ train: .venv/.studio
 	$(BIN)/python $(SEG)/coco.py -o out/segmentation/coco
 	$(BIN)/python $(SEG)/train.py out/segmentation/drawn=0.25 out/segmentation/homes-store=0.3 out/segmentation/coco=0.45 --steps 3200 -o out/segmentation
 	$(BIN)/python $(SEG)/export.py out/segmentation/weights.pt
+	$(BIN)/python $(SEG)/cutout.py out/segmentation/homes-store=0.35 out/segmentation/drawn=0.15 --steps 5000 -o out/segmentation
+	$(BIN)/python $(SEG)/export.py out/segmentation/cutout.pt
 	$(BIN)/python $(SEG)/names.py -o out/segmentation/names
 
 .venv/.python:

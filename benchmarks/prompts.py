@@ -12,7 +12,7 @@ from segments import UNJUDGED
 from segments import photos as sets
 
 from physgen.maps import read_labels
-from physgen.perceive.segment.prompts import photo_proposals, segment_box, segment_point
+from physgen.perceive.segment.prompts import segment_box, segment_point
 from physgen.photos import read_image
 from physgen.problems import InputError
 
@@ -69,11 +69,11 @@ def measure(name: str, half: str, rgb: np.ndarray, labels: np.ndarray) -> dict:
     """Mean and least IoU, and the share that reaches the bar, by kind; wall ms a box."""
     from physgen import registry
 
-    segments, known = registry.make("segment")(rgb), photo_proposals(rgb)
+    segments = registry.make("segment")(rgb)
     ways: dict[str, Callable] = {
         "box": lambda box: segment_box(rgb, box),
         "jitter": lambda box: segment_box(rgb, box),
-        "point": lambda point: segment_point(rgb, point, segments, lambda: known),
+        "point": lambda point: segment_point(rgb, point, segments),
     }
     found: dict[str, list[float]] = {kind: [] for kind in ways}
     took = []

@@ -23,10 +23,7 @@ from physgen.geometry.scale import photo_object
 from physgen.perceive.document import object_names
 from physgen.perceive.roles import SMALLEST_OBJECT, Name, PhotoObject, PromptedMask, Rgb, Segments
 from physgen.perceive.segment.prompts import (
-    PROMPT_ODDS,
-    PhotoProposals,
     Segmenter,
-    photo_proposals,
     segment_box,
     segment_point,
 )
@@ -131,7 +128,7 @@ def make(work: Correction, op: MaskOp, finder: PromptSegmenter) -> str:
 def _prompted(work: Correction, name: str | None, is_new: bool, found: PromptedMask, prompt: Data) -> str:
     """Use the mask of a box or a point for an object that is there, or for a new one."""
     labels, number = work.labels, len(work.scene.objects)
-    mask, fit = found.mask, found.confidence
+    mask = found.mask
     if name is None and not is_new:
         there, every = (np.bincount(part.ravel(), minlength=number + 1) for part in (labels[mask], labels))
         k = int(there[1:].argmax()) + 1 if number else 0
@@ -139,13 +136,12 @@ def _prompted(work: Correction, name: str | None, is_new: bool, found: PromptedM
             name = work.scene.objects[k - 1].name
     own = 0 if name is None else work.index(name) + 1
     mask = mask & ((labels == 0) | (labels == own))
-    sure = PROMPT_ODDS * fit / (1 + (PROMPT_ODDS - 1) * fit)  # a user has pointed there
     if name is None:
         name = _new(work, mask)
-        work.found[name] = sure, prompt
+        work.found[name] = found.confidence, prompt
         return f"a new object, {name}"
     _set_mask(work, name, mask)
-    work.found[name] = sure, prompt
+    work.found[name] = found.confidence, prompt
     return f"correct the mask of {name}"
 
 
@@ -247,11 +243,10 @@ def check_size(mask: Mask, what: str) -> None:
 
 
 class PromptSegmenter:
-    """Finds the objects in boxes and at points; segments and proposals of a photo are kept for the next point."""
+    """Finds the objects in boxes and at points; segments of a photo are kept for the next point."""
 
     def __init__(self) -> None:
         self._segmented: Recent[Segments] = Recent(1)
-        self._proposed: Recent[PhotoProposals] = Recent(1)
 
     def box(self, rgb: Rgb, box: Sequence[float]) -> PromptedMask:
         """The object in a box (left, top, width, height). Raises EditError."""
@@ -263,9 +258,7 @@ class PromptSegmenter:
         """The object at a point. Raises EditError; `key` identifies the photo."""
         with _edit_errors():
             found = self._segmented.of(key, partial(Segmenter(Backends()), rgb))
-            return segment_point(
-                rgb, point, found, partial(self._proposed.of, key, partial(photo_proposals, rgb))
-            )
+            return segment_point(rgb, point, found)
 
 
 @contextmanager

@@ -82,7 +82,7 @@ def _sample(store: Store, k: int, rng: np.random.Generator) -> tuple[NDArray[np.
             np.ascontiguousarray(part[:, ::-1]) for part in (rgb, labels, normals, shadow)
         )
         normals[..., 0] *= -1
-    x_in = _developed(rgb.astype(np.float32), rng)
+    x_in = developed(rgb.astype(np.float32), rng)
     return (
         (x_in.transpose(2, 0, 1) - np.float32(MEAN)) / np.float32(SPREAD),
         *targets(labels),
@@ -90,7 +90,7 @@ def _sample(store: Store, k: int, rng: np.random.Generator) -> tuple[NDArray[np.
     )
 
 
-def _developed(rgb: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.float32]:
+def developed(rgb: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.float32]:
     """The same crop as another camera would have it."""
     if rng.random() < 0.2:
         rgb = rgb[..., rng.permutation(3)]

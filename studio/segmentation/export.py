@@ -1,4 +1,5 @@
-"""Trained weights -> the ONNX file that physgen ships: `python studio/segmentation/export.py out/segmentation/weights.pt`.
+"""Trained weights -> the ONNX files that physgen ships: `python studio/segmentation/export.py out/segmentation/weights.pt`, or
+`cutout.pt` for the head that cuts out.
 
 Weights are stored in 16 bits. OpenCV must give what torch gives, or nothing is written.
 """
@@ -9,52 +10,86 @@ import argparse
 import sys
 import tempfile
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
 import onnx
 import torch
-from network import Network
+from network import UP, Cutout, Network
 from onnx import numpy_helper
+from torch import Tensor, nn
 
-HERE = Path(__file__).resolve().parent
-SHIPPED = HERE.parents[1] / "physgen/perceive/segment/segmentation.onnx"
+from physgen.perceive.segment.cutout import SIDE
+from physgen.perceive.segment.network import OUTPUTS
+
+SHIPPED = Path(__file__).resolve().parents[2] / "physgen/perceive/segment"
 CLOSE = 0.1
 """What 16-bit weights may change of a logit."""
 
 
-def export(weights: Path, shipped: Path) -> float:
-    """Write the file; returns the largest difference of a logit from torch's."""
-    network = Network().eval()
-    network.load_state_dict(torch.load(weights, map_location="cpu", weights_only=True))
-    example = torch.randn(1, 3, 192, 256)
+class _Seen(nn.Module):
+    """All that is shipped of the network: its output, and what the head reads."""
+
+    def __init__(self, network: Network) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, photo: Tensor) -> tuple[Tensor, ...]:
+        levels = self.network.levels(photo)
+        return self.network.out(levels[-1][:, : UP[-1]]), *levels
+
+
+class _Cut(nn.Module):
+    def __init__(self, head: Cutout) -> None:
+        super().__init__()
+        self.head = head
+
+    def forward(self, a: Tensor, b: Tensor, c: Tensor, d: Tensor, e: Tensor, at_point: Tensor) -> Tensor:
+        return self.head([a, b, c, d, e], at_point)
+
+
+def export(
+    model: nn.Module,
+    into: Sequence[str],
+    out: Sequence[str],
+    trials: Sequence[tuple[Tensor, ...]],
+    path: Path,
+) -> float:
+    """Write the file; returns the largest difference of a logit, the first output, from torch's on the `trials`.
+
+    Sides of pictures are free where the trials differ.
+    """
+    free = {name: {2: f"{name} height", 3: f"{name} width"} for name in (*into, *out)}
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "network.onnx"
-        free = {2: "height", 3: "width"}
+        file = Path(folder) / "network.onnx"
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             torch.onnx.export(
-                network, (example,), str(path), dynamo=False, opset_version=13, input_names=["photo"],
-                output_names=["seen"], dynamic_axes={"photo": free, "seen": free},
+                model, trials[0], str(file), dynamo=False, opset_version=13, input_names=list(into),
+                output_names=list(out), dynamic_axes=free if len(trials) > 1 else None,
             )  # fmt: skip
-        model = onnx.load(str(path))
-        for held in model.graph.initializer:
-            if held.data_type == onnx.TensorProto.FLOAT and len(held.dims) == 4:
+        graph = onnx.load(str(file))
+        kernels = {node.input[1] for node in graph.graph.node if node.op_type == "Conv"}
+        for held in graph.graph.initializer:
+            if held.name in kernels:
                 held.CopyFrom(
                     numpy_helper.from_array(numpy_helper.to_array(held).astype(np.float16), held.name)
                 )
-        onnx.save(model, str(path))
-        theirs = cv2.dnn.readNetFromONNX(str(path))
+        onnx.save(graph, str(file))
+        theirs = cv2.dnn.readNetFromONNX(str(file))
         off = 0.0
-        for size in ((192, 256), (256, 416)):
-            x = torch.randn(1, 3, *size)
-            theirs.setInput(x.numpy())
+        for trial in trials:
+            for name, part in zip(into, trial, strict=True):
+                theirs.setInput(part.numpy(), name)
             with torch.inference_mode():
-                off = float(np.maximum(off, np.abs(theirs.forward() - network(x).numpy()).max()))
+                ours = model(*trial)
+            ours = ours if isinstance(ours, Tensor) else ours[0]
+            off = float(np.maximum(off, np.abs(theirs.forward(list(out))[0] - ours.numpy()).max()))
         if not off <= CLOSE:  # nor NaN
             raise SystemExit(f"OpenCV's output is {off:.3f} from torch's; nothing written")
-        shipped.write_bytes(path.read_bytes())
+        path.write_bytes(file.read_bytes())
     return off
 
 
@@ -62,12 +97,28 @@ def main() -> None:
     """See the module."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("weights", type=Path)
-    parser.add_argument("-o", "--output", type=Path, default=SHIPPED)
+    parser.add_argument("-o", "--output", type=Path, default=SHIPPED, help="folder")
     args = parser.parse_args()
     if not args.weights.is_file():
-        parser.error(f"{args.weights}: no such file; make it with train.py")
-    off = export(args.weights, args.output)
-    print(f"{args.output.stat().st_size / 1e6:.1f} MB, logits within {off:.4f} of torch's", file=sys.stderr)
+        parser.error(f"{args.weights}: no such file; make it with train.py or cutout.py")
+    held = torch.load(args.weights, map_location="cpu", weights_only=True)
+    network = Network().eval()
+    if "place" in held:
+        path = args.output / "cutout.onnx"
+        network.load_exported(SHIPPED / "segmentation.onnx")
+        head = Cutout(SIDE).eval()
+        head.load_state_dict(held)
+        with torch.no_grad():
+            levels = network.levels(torch.randn(1, 3, SIDE, SIDE))
+        off = export(
+            _Cut(head).eval(), [*OUTPUTS[1:], "at-point"], ["cut"], [(*levels, torch.zeros(1, 1, 1, 1))], path
+        )
+    else:
+        path = args.output / "segmentation.onnx"
+        network.load_state_dict(held)
+        photos = [(torch.randn(1, 3, *size),) for size in ((192, 256), (256, 416))]
+        off = export(_Seen(network).eval(), ["photo"], OUTPUTS, photos, path)
+    print(f"{path.stat().st_size / 1e6:.1f} MB, logits within {off:.4f} of torch's", file=sys.stderr)
 
 
 if __name__ == "__main__":

@@ -44,9 +44,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     files = sorted(
-        parser.parse_args().folder.glob("*.pt"), key=lambda p: int("0" + "".join(filter(str.isdigit, p.stem)))
+        parser.parse_args().folder.glob("weights*.pt"), key=lambda p: int("0" + "".join(filter(str.isdigit, p.stem)))
     )
-    files = sorted((p for p in files if p.stem != "state"), key=lambda p: p.stem == "weights")
+    files = sorted(files, key=lambda p: p.stem == "weights")
     for file in files:
         network = Network().eval()
         network.load_state_dict(torch.load(file, map_location="cpu", weights_only=True))

@@ -5,7 +5,13 @@ A U-Net whose encoder is EfficientNet-Lite0 with ImageNet's weights; torch.
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import numpy as np
+import onnx
+import torch
 from efficientnet_lite_pytorch import EfficientNet
+from onnx import numpy_helper
 from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812
 
@@ -80,13 +86,76 @@ class Network(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """See the class."""
+        return self.out(self.levels(x)[-1][:, : UP[-1]])
+
+    def levels(self, x: Tensor) -> list[Tensor]:
+        """What the decoder and the encoder have at strides 32, 16, 8, 4, 2, one behind the other."""
         x = self.stem(x * (SPREAD / 128) + (MEAN - 127) / 128)
         seen = []
         for k, block in enumerate(self.blocks):
             x = block(x)
             if k in TAPS:
                 seen.append(x)
+        levels = [x]
         for join, side, up, beside in zip(self.join, self.side, self.up, seen[-2::-1], strict=True):
             x = F.interpolate(join(x), scale_factor=2.0, mode="bilinear", align_corners=False)
             x = up(x + side(beside))
-        return self.out(x)
+            levels.append(torch.cat([x, beside], 1))
+        return levels
+
+    def load_exported(self, path: Path) -> None:
+        """The weights of a file that `export.py` wrote, whose batch norms are part of the convolutions before them."""
+        graph = onnx.load(str(path)).graph
+        held = {one.name: numpy_helper.to_array(one).astype(np.float32) for one in graph.initializer}
+        weights = [[held[name] for name in node.input[1:]] for node in graph.node if node.op_type == "Conv"]
+        met: list[nn.Module] = []
+        kinds = (nn.Conv2d, nn.BatchNorm2d)
+        hooks = [
+            m.register_forward_hook(lambda m, *_: met.append(m))
+            for m in self.modules()
+            if isinstance(m, kinds)
+        ]
+        with torch.inference_mode():
+            self.eval()(torch.zeros(1, 3, 192, 192))
+        for hook in hooks:
+            hook.remove()
+        convolutions = [k for k, m in enumerate(met) if isinstance(m, nn.Conv2d)]
+        for k, (weight, bias) in zip(convolutions, weights, strict=True):
+            met[k].weight.data = torch.tensor(weight)
+            if met[k].bias is not None:
+                met[k].bias.data = torch.tensor(bias)
+                continue
+            norm = met[k + 1]
+            norm.running_mean.zero_(), norm.running_var.fill_(1 - norm.eps)
+            norm.weight.data.fill_(1.0)
+            norm.bias.data = torch.tensor(bias)
+
+
+CUT = (112, 64, 40, 24)
+"""Channels of the levels of the head that cuts out, the coarsest first."""
+
+
+class Cutout(nn.Module):
+    """What `Network.levels` has of a crop -> (N, side / 2, side / 2) logits: on the object meant, which is the one in
+    the box that the crop is around, or the one at its centre."""
+
+    def __init__(self, side: int) -> None:
+        super().__init__()
+        widths = list(TAPS.values())
+        self.join = nn.ModuleList([_conv(a, b, size=1) for a, b in zip((widths[4], *CUT), CUT, strict=False)])
+        self.side = nn.ModuleList(
+            [_conv(a + b, c, size=1) for a, b, c in zip(widths[3::-1], UP, CUT, strict=True)]
+        )
+        self.place = nn.Parameter(torch.zeros(2, CUT[0], side // 16, side // 16))
+        self.up = nn.ModuleList([Residual(width) for width in CUT])
+        self.out = nn.Conv2d(CUT[-1], 1, 3, 1, 1)
+
+    def forward(self, levels: list[Tensor], at_point: Tensor) -> Tensor:
+        """See the class; `at_point` (N, 1, 1, 1) 0 or 1."""
+        x = levels[0]
+        place = self.place[0] + at_point * (self.place[1] - self.place[0])
+        for n, (join, side, up) in enumerate(zip(self.join, self.side, self.up, strict=True)):
+            x = F.interpolate(join(x), scale_factor=2.0, mode="bilinear", align_corners=False)
+            x = x + side(levels[n + 1])
+            x = up(x if n else x + place)
+        return self.out(x)[:, 0]

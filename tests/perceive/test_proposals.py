@@ -11,10 +11,9 @@ from physgen.perceive.segment.proposals import (
     Proposal,
     contour_normals,
     cut_out,
-    variants,
 )
 from physgen.perceive.segment.regions import colour_tree, discs
-from physgen.perceive.segment.selection import best_set, exclusions, tighten
+from physgen.perceive.segment.selection import best_set, exclusions
 
 
 def rectangle(x: int, y: int, width: int, height: int) -> Proposal:
@@ -68,15 +67,6 @@ def test_cutting_out_keeps_the_largest_part_and_fills_it() -> None:
     assert cut_out(mask, 0, 0, smallest=101) is None
 
 
-def test_variants_undo_a_bay_and_stay_inside_the_photo() -> None:
-    mask = np.ones((40, 40), np.bool_)
-    mask[18:22, :10] = False
-    forms = variants(Proposal(0, 0, mask, int(mask.sum())), (40, 40))
-    assert forms[0].area == 1560
-    assert max(form.area for form in forms) == 1600
-    assert all(min(form.box) >= 0 and max(form.box) <= 40 for form in forms)
-
-
 def test_normals_point_out_of_a_contour_however_it_runs() -> None:
     circle = np.rint(50 + 30 * np.stack([np.cos(t := np.linspace(0, 2 * np.pi, 190)), np.sin(t)], 1))
     for contour in (circle, circle[::-1]):
@@ -97,14 +87,3 @@ def test_the_best_set_prefers_two_to_the_one_that_excludes_both() -> None:
     assert best_set(gain, excludes).tolist() == [False, True, True, False]
     gain[0] = 5
     assert best_set(gain, excludes).tolist() == [True, False, False, False]
-
-
-def test_a_rough_mask_is_drawn_to_the_edge_of_the_photo() -> None:
-    photo = np.full((200, 200, 3), (30, 90, 60), np.uint8)
-    cv2.circle(photo, (100, 100), 50, (220, 200, 60), -1)
-    truth = photo[..., 0] > 100
-    y, x = np.mgrid[:100, :100]
-    rough = np.hypot(x - 50.5, y - 49) <= 24
-    labels = tighten(photo, [rough])
-    found = labels == 1
-    assert (found & truth).sum() / (found | truth).sum() > 0.97

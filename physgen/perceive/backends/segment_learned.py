@@ -14,9 +14,10 @@ from physgen.compile.shapes import fill_polygon
 from physgen.perceive.inpaint.poisson import dilate
 from physgen.perceive.roles import Doubt, Mask, Segment, Segments
 from physgen.perceive.segment.candidates import FEATURES, Candidates, candidates, confidence, expected_fit
+from physgen.perceive.segment.cutout import mask_in_box
 from physgen.perceive.segment.network import run_network
-from physgen.perceive.segment.proposals import Proposal, agreement, doubt_about, iou, overlap
-from physgen.perceive.segment.selection import SHARED, best_set, exclusions, search_edges, tighten
+from physgen.perceive.segment.proposals import Proposal, agreement, cut_out, doubt_about, iou, overlap
+from physgen.perceive.segment.selection import SHARED, best_set, exclusions, search_edges
 
 
 @dataclass(frozen=True)
@@ -155,13 +156,20 @@ def as_segments(
     confidences: NDArray[np.float64],
     shape: tuple[int, int],
 ) -> Segments:
-    """Proposals on a grid of `shape` (h, w) as labels of the photo, their outlines fitted to its edges, left to right.
+    """Proposals on a grid of `shape` (h, w) as labels of the photo, each cut out again in its box, left to right.
 
     Of two with a common pixel the one with the better score gets it.
     """
     rising = np.argsort(scores, kind="stable")
-    labels = tighten(rgb, [proposals[i].on(shape) for i in rising.tolist()])
-    return left_to_right(Segments(labels.astype(np.uint16), confidences[rising]))
+    size = rgb.shape[0], rgb.shape[1]
+    labels = np.zeros(size, np.uint16)
+    scale = np.tile([rgb.shape[1] / shape[1], rgb.shape[0] / shape[0]], 2)
+    for k, i in enumerate(rising.tolist(), 1):
+        labels[mask_in_box(rgb, proposals[i].box * scale).mask] = k
+    for k in range(1, len(rising) + 1):
+        if (piece := cut_out(labels == k, 0, 0, 1)) is not None:  # without what a later one cut off
+            labels[(labels == k) & ~piece.on(size)] = 0
+    return left_to_right(Segments(labels, confidences[rising]))
 
 
 def left_to_right(objects: Segments) -> Segments:

@@ -284,16 +284,6 @@ def candidates(by_edges: EdgeSearch, seen: NetworkMaps) -> Candidates:
     )
 
 
-def judged_fit(some: Sequence[Proposal], seen: NetworkMaps, shape: tuple[int, int]) -> NDArray[np.float64]:
-    """(n,) 0..1: the expected IoU of proposals on a grid of `shape` (h, w)."""
-    there = [rescaled(one, shape, seen.foreground.shape) for one in some]
-    fit = np.zeros(len(some))
-    known = [k for k, one in enumerate(there) if one is not None]
-    if known:
-        fit[known] = expected_fit(proposal_features([one for one in there if one is not None], seen))
-    return fit
-
-
 def _mean(values: F32, one: Proposal) -> float:
     """Mean of a map of the network (h, w) on a proposal of its grid."""
     left, top, right, bottom = one.box

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
 from threading import Lock
+from typing import Any
 
 import cv2
 import numpy as np
@@ -21,6 +22,7 @@ LOCK = Lock()
 WEIGHTS = "segmentation.onnx"
 OFFSETS = ((3, 0), (0, 3), (9, 0), (0, 9), (9, 9), (9, -9), (27, 0), (0, 27))
 """(rows, columns) px of the output: offsets of the pixel pairs whose affinity (same object) is predicted."""
+OUTPUTS = "seen", "level-32", "level-16", "level-8", "level-4", "level-2"
 MEAN, SPREAD = 118.0, 64.0
 """Of 8-bit codes: the input is (code - MEAN) / SPREAD."""
 STRIDE = 32
@@ -94,14 +96,28 @@ def _pass(rgb: NDArray[np.uint8], side: int) -> F32:
     scale = side / max(height, width)
     size = max(round(width * scale / 2), 1) * 2, max(round(height * scale / 2), 1) * 2
     how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
-    small = cv2.resize(rgb, size, interpolation=how).astype(np.float32)
+    small = cv2.resize(rgb, size, interpolation=how)
     right, below = (max(-part % STRIDE, LEAST - part) for part in size)
     padded = cv2.copyMakeBorder(small, 0, below, 0, right, cv2.BORDER_REPLICATE)
-    blob = ((padded - np.float32(MEAN)) / np.float32(SPREAD)).transpose(2, 0, 1)[None]
+    return _outputs(as_input(padded))[0][0, :, : size[1] // 2, : size[0] // 2]
+
+
+def as_input(rgb: NDArray[Any]) -> F32:
+    """(H, W, 3) sRGB codes as the network takes them, (1, 3, H, W)."""
+    codes = rgb.astype(np.float32)
+    return np.ascontiguousarray(((codes - np.float32(MEAN)) / np.float32(SPREAD)).transpose(2, 0, 1)[None])
+
+
+def run_levels(blob: F32) -> dict[str, F32]:
+    """What encoder and decoder have of an input (1, 3, H, W) at strides 32 to 2, by the names of the head's inputs."""
+    return dict(zip(OUTPUTS[1:], _outputs(blob)[1:], strict=True))
+
+
+def _outputs(blob: F32) -> list[F32]:
     network = _network()
     with LOCK:  # a net holds state between the calls
-        network.setInput(np.ascontiguousarray(blob))
-        return np.array(network.forward()[0, :, : size[1] // 2, : size[0] // 2], np.float32)
+        network.setInput(blob)
+        return [np.array(one, np.float32) for one in network.forward(OUTPUTS)]
 
 
 @cache

@@ -122,30 +122,10 @@ def distinct(proposals: Sequence[Proposal], same: float = 0.96) -> list[Proposal
     return kept
 
 
-def variants(proposal: Proposal, shape: tuple[int, int]) -> list[Proposal]:
-    """The proposal itself, then without bays, without spurs, its hull, polygons: undoes leaks along a weak edge.
-    `shape`: H, W of the photo."""
-    reach = max(1, round(0.12 * float(np.sqrt(proposal.area))))
-    pad = 2 * reach
-    image, ball = np.pad(proposal.mask, pad).astype(np.uint8), disc(reach)
-    contour = outline(proposal.mask) + pad
-    rounder = (cv2.convexHull(contour), *polygons(contour))
-    changed = [
-        cv2.morphologyEx(image, cv2.MORPH_CLOSE, ball),
-        cv2.morphologyEx(image, cv2.MORPH_OPEN, ball),
-        *(cv2.fillPoly(np.zeros_like(image), [one], 1) for one in rounder),
-    ]
-    x, y = proposal.x - pad, proposal.y - pad
-    left, top = max(0, -x), max(0, -y)  # what the photo does not show
-    inside = np.s_[top : shape[0] - y, left : shape[1] - x]
-    others = (cut_out(one[inside] > 0, x + left, y + top, smallest=1) for one in changed)
-    return [proposal, *(other for other in others if other is not None)]
-
-
 Floats = NDArray[np.float64]
 
 AGREEMENT_SHARPNESS = 8.0
-"""Weight of the better proposals in the agreement; chosen with the constants of `prompts`."""
+"""Weight of the better proposals in the agreement; chosen on the studio's photos."""
 
 
 def iou(a: Proposal, b: Proposal) -> float:

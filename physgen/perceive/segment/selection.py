@@ -1,4 +1,4 @@
-"""Selection of the best set of proposals without overlap, and fitting of outlines to the photo's edges."""
+"""Selection of the best set of proposals without overlap."""
 
 from __future__ import annotations
 
@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 
 from physgen.perceive.segment.gradient import Gradient, colour_gradient, smoothed_lab
 from physgen.perceive.segment.proposals import (
-    Mask,
     Proposal,
     Scores,
-    contour_normals,
     distinct,
     outline,
     overlap,
@@ -37,7 +35,7 @@ class SelectionConstants:
     """Penalty of a small proposal between larger selected ones: a gap, or a face of an object."""
     outlier: float = 0.7  # least score of a selected proposal, relative to the upper quartile of all
     working_area: int = 512 * 512
-    """px searched; larger photos are reduced to it, and only outlines are fitted at full size."""
+    """px searched; larger photos are reduced to it."""
     working_side: int = 4096  # px: the longest side searched, of a panorama
     areas: tuple[float, ...] = (0.0012, 0.22)
     """Of the photo: bounds of an object's area in the selection by edges."""
@@ -199,129 +197,3 @@ def _gaps(proposals: Sequence[Proposal], area: Values, chosen: Flags, shape: tup
         beside = float(np.median(area[np.unique(around[others]) - 1]))
         penalty[i] = SELECTION.gap_penalty * enclosed * np.clip(1 - area[i] / (0.6 * beside), 0, 1)
     return penalty
-
-
-BAND = 0.08
-"""Movement of an outline at most, in square roots of its area; at least 1.5 px of the rough mask."""
-
-
-@dataclass(frozen=True)
-class TightenConstants:
-    """Constants of the outlines."""
-
-    bend: float = 0.2  # cost of one step sideways, against an edge support of 0..1
-    round: float = 0.025  # relative deviation from its circle below which an outline becomes that circle
-    side: int = 16_384  # px: longer objects keep the rough outline, since OpenCV samples no larger images
-
-
-TIGHTEN = TightenConstants()
-
-
-Points = NDArray[np.float64]
-"""(n, 2): x, y px along a closed outline."""
-
-
-def tighten(rgb: NDArray[np.uint8], masks: Sequence[Mask], band: float = BAND) -> NDArray[np.uint16]:
-    """(H, W) uint16: k + 1 where mask k (h, w), of a smaller or equal size than the photo (H, W, 3), ends up.
-
-    Every label is one connected region; of two masks with a common pixel the later one gets it. `band`: see `BAND`.
-    """
-    labels = np.zeros(rgb.shape[:2], np.uint16)
-    boxes: list[tuple[slice, slice]] = []
-    for k, mask in enumerate(masks):
-        scale = rgb.shape[1] / mask.shape[1], rgb.shape[0] / mask.shape[0]
-        reach = max(1.5, band * float(np.sqrt(mask.sum()))) * max(scale)
-        points, normal = _outline_at(mask, np.array(scale))
-        low = np.maximum(np.floor(points.min(0) - reach - 6), 0).astype(int)
-        high = np.ceil(points.max(0) + reach + 7).astype(int)
-        if max(high - low) < TIGHTEN.side:
-            gradient = colour_gradient(smoothed_lab(rgb[low[1] : high[1], low[0] : high[0]]))
-            points = points + _path(gradient, points - low, normal, reach)[:, None] * normal
-        rim = _rounded(points)
-        left, top = (max(0, int(v) - 2) for v in rim.min(0))
-        box = np.s_[top : max(top, int(rim[:, 1].max()) + 3), left : max(left, int(rim[:, 0].max()) + 3)]
-        filled = np.zeros(labels[box].shape, np.uint8)
-        if filled.size:
-            cv2.fillPoly(filled, [np.rint(16 * (rim - (left, top))).astype(np.int32)], 1, shift=4)
-            labels[box][filled > 0] = k + 1
-        boxes.append(box)
-    return _connected(labels, boxes)
-
-
-def _outline_at(mask: Mask, scale: Points) -> tuple[Points, Points]:
-    """The outline of a mask on a photo `scale` times as large, a point a px, and its outward normals."""
-    contour = outline(mask)
-    normal = contour_normals(contour)
-    # From pixel centres out to the pixels' edge, where scaling is exact, and back to centres.
-    points = (contour + 0.5 + 0.5 * normal) * scale - 0.5 - 0.5 * normal
-    count = int(np.clip(len(contour) * scale.max(), 16, 1500))
-    at, knots = np.linspace(0, len(contour), count, endpoint=False), np.arange(len(contour) + 1)
-    rows = np.vstack([np.hstack([points, normal]), np.hstack([points[:1], normal[:1]])])
-    even = np.stack([np.interp(at, knots, column) for column in rows.T], 1)
-    return _smooth(even[:, :2], 1.5), even[:, 2:] / np.linalg.norm(even[:, 2:], axis=1, keepdims=True)
-
-
-def _path(gradient: Gradient, points: Points, normal: Points, band: float) -> NDArray[np.float64]:
-    """(n,) px: movement of each point along its normal, so that the outline follows edges and bends little.
-
-    By Viterbi's algorithm, twice around so that the ends meet.
-    """
-    steps = np.linspace(-band, band, 2 * int(np.clip(2 * band, 4, 16)) + 1)
-    edge = points[:, None] + (steps[:, None] + 0.5) * normal[:, None]  # half a px outside the last pixel
-    angle = np.arctan2(normal[:, 1], normal[:, 0])[:, None]
-    strength = gradient.across(edge[..., 0], edge[..., 1], angle)
-    crest = strength.max(1, keepdims=True)
-    peaked = (
-        gradient.support(crest) * strength / np.maximum(crest, 1e-6)
-    )  # support alone is flat about strong edges
-    value = np.tile(peaked * (1 - 0.2 * (steps / band) ** 2), (2, 1))
-    total, came = np.zeros(len(steps)), np.zeros(value.shape, np.int64)
-    ways = np.full((3, len(steps)), -np.inf)
-    for i, here in enumerate(value):
-        ways[0, 1:], ways[1], ways[2, :-1] = total[:-1] - TIGHTEN.bend, total, total[1:] - TIGHTEN.bend
-        came[i] = ways.argmax(0)
-        total = ways.max(0) + here
-    at, path = int(total.argmax()), np.zeros(len(value), np.int64)
-    for i in reversed(range(len(value))):
-        path[i] = at
-        at += came[i, at] - 1
-    half = len(points) // 2
-    return _smooth(steps[np.roll(path[half : half + len(points)], half)], 1.5)
-
-
-def _smooth(values: NDArray[np.float64], sigma: float) -> NDArray[np.float64]:
-    """Closed sequences (n,) or (n, k), blurred along n."""
-    ends = 4 * int(np.ceil(sigma))
-    closed = np.pad(values.reshape(len(values), -1), ((ends, ends), (0, 0)), mode="wrap")
-    blurred = cv2.GaussianBlur(closed, (1, 2 * ends + 1), sigmaX=0.1, sigmaY=sigma)
-    return blurred[ends:-ends].reshape(values.shape).astype(np.float64)
-
-
-def _rounded(points: Points) -> Points:
-    """The circle through an outline where it is one, else the outline."""
-    weight = np.ones(len(points))
-    for _ in range(4):  # least squares on x² + y² = 2 a x + 2 b y + c, outliers weighed down
-        centre = points.mean(0)
-        rows = np.column_stack([2 * (points - centre), np.ones(len(points))])
-        right = ((points - centre) ** 2).sum(1)
-        a, b, c = np.linalg.lstsq(rows * weight[:, None], right * weight, rcond=None)[0]
-        radius = float(np.sqrt(max(c + a * a + b * b, 1e-9)))
-        off = np.hypot(*(points - centre - [a, b]).T) - radius
-        weight = 1 / (1 + (off / (0.01 * radius + 0.3)) ** 2)
-    if np.sqrt(np.mean(off**2)) > TIGHTEN.round * radius + 0.3:
-        return points
-    turn = np.linspace(0, 2 * np.pi, len(points), endpoint=False)
-    rim: Points = centre + [a, b] + radius * np.stack([np.cos(turn), np.sin(turn)], 1)
-    return rim
-
-
-def _connected(labels: NDArray[np.uint16], boxes: Sequence[tuple[slice, slice]]) -> NDArray[np.uint16]:
-    """Labels 1.. in their boxes, of each its largest connected part."""
-    kept = np.zeros_like(labels)
-    for k, box in enumerate(boxes, 1):
-        here = (labels[box] == k).astype(np.uint8)
-        if not here.any():
-            continue
-        _, parts, stats, _ = cv2.connectedComponentsWithStats(here, connectivity=4)
-        kept[box][parts == 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())] = k
-    return kept
