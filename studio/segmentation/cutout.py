@@ -21,7 +21,7 @@ from store import UNSAID, Store
 from torch.nn import functional as F  # noqa: N812
 from train import Run, Shares, ahead, arguments, learn, spawn
 
-from physgen.perceive.segment.cutout import MARGIN, SIDE, crop
+from physgen.perceive.segment.network import MARGIN, SIDE, crop
 
 BATCH = 24
 LEAST = 300

@@ -21,8 +21,7 @@ from network import UP, Cutout, Network
 from onnx import numpy_helper
 from torch import Tensor, nn
 
-from physgen.perceive.segment.cutout import SIDE
-from physgen.perceive.segment.network import OUTPUTS
+from physgen.perceive.segment.network import OUTPUTS, SIDE
 
 SHIPPED = Path(__file__).resolve().parents[2] / "physgen/perceive/segment"
 CLOSE = 0.1

@@ -44,7 +44,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     files = sorted(
-        parser.parse_args().folder.glob("weights*.pt"), key=lambda p: int("0" + "".join(filter(str.isdigit, p.stem)))
+        parser.parse_args().folder.glob("weights*.pt"),
+        key=lambda p: int("0" + "".join(filter(str.isdigit, p.stem))),
     )
     files = sorted(files, key=lambda p: p.stem == "weights")
     for file in files:

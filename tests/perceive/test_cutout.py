@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from physgen.maps import read_labels
-from physgen.perceive.segment.cutout import MARGIN, bounds, crop, mask_at_point, mask_in_box
+from physgen.perceive.segment.network import MARGIN, bounds, crop, mask_at_point, mask_in_box
 from physgen.photos import read_image
 from tests.perceive.lambertian import overlap
 

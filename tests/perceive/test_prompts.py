@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from physgen import pipeline
 from physgen.cli.main import main
 from physgen.maps import read_labels
-from physgen.perceive.segment.prompts import WEAK, Segmenter, from_prompts, segment_box
+from physgen.perceive.segment.prompts import RULE, Segmenter, from_prompts, segment_box
 from physgen.registry import Backends
 from physgen.scene.scene import BoxPrompt, PointPrompt
 from tests.perceive.lambertian import overlap
@@ -99,7 +99,7 @@ def test_a_box_around_nothing_still_gives_a_mask(kind: str) -> None:
         meant = segment_box(rgb, box)
         assert meant.mask.shape == (80, 90)
         assert meant.mask.any()
-        assert kind == "noise" or meant.confidence < WEAK
+        assert kind == "noise" or meant.confidence < RULE.weak
 
 
 @pytest.mark.slow

@@ -14,8 +14,7 @@ from physgen.compile.shapes import fill_polygon
 from physgen.perceive.inpaint.poisson import dilate
 from physgen.perceive.roles import Doubt, Mask, Segment, Segments
 from physgen.perceive.segment.candidates import FEATURES, Candidates, candidates, confidence, expected_fit
-from physgen.perceive.segment.cutout import mask_in_box
-from physgen.perceive.segment.network import run_network
+from physgen.perceive.segment.network import mask_in_box, run_network
 from physgen.perceive.segment.proposals import Proposal, agreement, cut_out, doubt_about, iou, overlap
 from physgen.perceive.segment.selection import SHARED, best_set, exclusions, search_edges
 
@@ -47,7 +46,7 @@ class LearnedConstants:
     set_size: int = 5  # round objects of one radius from which they are a set, as of balls or marbles
     round: float = 0.9  # share of its smallest enclosing circle from which an object is round
     equal: float = 0.05  # of their median radius: half of a set's objects differ by less
-    room: tuple[float, float] = (0.8, 1.25)
+    room: tuple[float, float] = (0.7, 1.25)
     """Of a set's radius: the largest disc in a doubtful region, or about it between others, that is one more."""
 
 
@@ -97,15 +96,11 @@ def continued(rgb: NDArray[np.uint8], found: Candidates, best: NDArray[np.intp])
 def with_rest_of_set(objects: Segments) -> Segments:
     """Where the objects are round and equal, balls of a set, doubtful regions with room for one more become that, and
     so do other objects wedged between them."""
-    radii, uneven = [], []
-    for k in range(1, len(objects.confidence) + 1):
-        points = np.argwhere(objects.labels == k)[:, ::-1].astype(np.float32)
-        _, around = cv2.minEnclosingCircle(points)
-        if len(points) > LEARNED.round * np.pi * around**2:
-            radii.append(float(np.sqrt(len(points) / np.pi)))
-        else:
-            uneven.append(k)
+    each = [round_radius(objects.labels == k) for k in range(1, len(objects.confidence) + 1)]
+    radii = [one for one in each if one]
     radius = float(np.median(radii)) if radii else 0.0
+    least = LEARNED.room[0] * radius
+    uneven = [k for k, one in enumerate(each, 1) if one < least]
     if len(radii) < LEARNED.set_size or np.median(np.abs(np.array(radii) - radius)) > LEARNED.equal * radius:
         return objects
     labels, sure, rest = objects.labels.copy(), list(objects.confidence), []
@@ -116,7 +111,7 @@ def with_rest_of_set(objects: Segments) -> Segments:
         for place in places:
             padded = np.pad(place, 1).astype(np.uint8)
             depth = cv2.distanceTransform(padded, cv2.DIST_L2, 5)[1:-1, 1:-1] * free
-            if LEARNED.room[0] * radius <= depth.max() <= LEARNED.room[1] * radius:
+            if least <= depth.max() <= LEARNED.room[1] * radius:
                 y, x = _center_of_room(places[-1], free, radius)
                 disc = (np.hypot(columns - x, rows - y) <= radius) & places[-1]
                 if np.count_nonzero(free & disc) > LEARNED.inside * np.count_nonzero(free):
@@ -135,6 +130,15 @@ def with_rest_of_set(objects: Segments) -> Segments:
         else:
             rest.append(doubt)
     return left_to_right(Segments(labels, np.array(sure), rest))
+
+
+def round_radius(mask: Mask) -> float:
+    """px: the radius of a round mask (H, W), 0 of any other."""
+    points = np.argwhere(mask)[:, ::-1].astype(np.float32)
+    if not len(points):
+        return 0.0
+    _, around = cv2.minEnclosingCircle(points)
+    return float(np.sqrt(len(points) / np.pi)) if len(points) > LEARNED.round * np.pi * around**2 else 0.0
 
 
 def _center_of_room(place: Mask, free: Mask, radius: float) -> tuple[float, float]:
@@ -156,16 +160,18 @@ def as_segments(
     confidences: NDArray[np.float64],
     shape: tuple[int, int],
 ) -> Segments:
-    """Proposals on a grid of `shape` (h, w) as labels of the photo, each cut out again in its box, left to right.
+    """Proposals on a grid of `shape` (h, w) as labels of the photo, left to right, each cut out again in its box.
 
-    Of two with a common pixel the one with the better score gets it.
+    What is round stays so. Of two with a common pixel the one with the better score gets it.
     """
     rising = np.argsort(scores, kind="stable")
     size = rgb.shape[0], rgb.shape[1]
     labels = np.zeros(size, np.uint16)
     scale = np.tile([rgb.shape[1] / shape[1], rgb.shape[0] / shape[0]], 2)
     for k, i in enumerate(rising.tolist(), 1):
-        labels[mask_in_box(rgb, proposals[i].box * scale).mask] = k
+        own = cv2.resize(proposals[i].on(shape).astype(np.uint8), size[::-1]) > 0
+        found = mask_in_box(rgb, proposals[i].box * scale).mask
+        labels[own if round_radius(own) and not round_radius(found) else found] = k
     for k in range(1, len(rising) + 1):
         if (piece := cut_out(labels == k, 0, 0, 1)) is not None:  # without what a later one cut off
             labels[(labels == k) & ~piece.on(size)] = 0

@@ -1,4 +1,5 @@
-"""The segmentation network: foreground, borders, pixel affinities, normals, shadows and movability of a photo.
+"""The segmentation network: foreground, borders, pixel affinities, normals, shadows and movability of a photo; and its
+head, which cuts out the object in a box or at a point.
 
 The weights come from `studio/segmentation`; OpenCV runs them.
 """
@@ -16,12 +17,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.perceive.roles import PromptedMask
+from physgen.perceive.segment.proposals import cut_out
+
 F32 = NDArray[np.float32]
 LOCK = Lock()
 
 WEIGHTS = "segmentation.onnx"
 OFFSETS = ((3, 0), (0, 3), (9, 0), (0, 9), (9, 9), (9, -9), (27, 0), (0, 27))
 """(rows, columns) px of the output: offsets of the pixel pairs whose affinity (same object) is predicted."""
+SIDE = 192  # px of the crop that the head looks at
+MARGIN = 0.25  # of a box's sides: seen around it
 OUTPUTS = "seen", "level-32", "level-16", "level-8", "level-4", "level-2"
 MEAN, SPREAD = 118.0, 64.0
 """Of 8-bit codes: the input is (code - MEAN) / SPREAD."""
@@ -123,3 +129,80 @@ def _outputs(blob: F32) -> list[F32]:
 @cache
 def _network() -> cv2.dnn.Net:
     return cv2.dnn.readNetFromONNX(str(Path(__file__).with_name(WEIGHTS)))
+
+
+def crop(
+    image: NDArray[np.uint8], box: Sequence[float], side: int, beyond: int = round(MEAN)
+) -> NDArray[np.uint8]:
+    """A box (left, top, right, bottom px) and its margin, squeezed to (side, side[, 3]); `beyond` is off the photo."""
+    left, top, right, bottom = bounds(box)
+    height, width = image.shape[:2]
+    part = image[max(top, 0) : max(bottom, 0), max(left, 0) : max(right, 0)]
+    outside = max(-top, 0), max(bottom - height, 0), max(-left, 0), max(right - width, 0)
+    whole = cv2.copyMakeBorder(part, *outside, cv2.BORDER_CONSTANT, value=(beyond,) * 3)
+    how = cv2.INTER_AREA if min(whole.shape[:2]) > side else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(whole, (side, side), interpolation=how), np.uint8)
+
+
+def bounds(box: Sequence[float]) -> tuple[int, int, int, int]:
+    """Left, top, right, bottom px of a box's crop, which may reach beyond the photo."""
+    across, down = MARGIN * (box[2] - box[0]), MARGIN * (box[3] - box[1])
+    return round(box[0] - across), round(box[1] - down), round(box[2] + across), round(box[3] + down)
+
+
+def mask_in_box(rgb: NDArray[np.uint8], box: Sequence[float]) -> PromptedMask:
+    """The object in a box (left, top, right, bottom px), in one piece; an empty mask where none is seen.
+
+    The confidence is the overlap (IoU) that the head expects.
+    """
+    return _segment(rgb, box, at_point=False)
+
+
+def mask_at_point(rgb: NDArray[np.uint8], point: tuple[float, float], side: float) -> PromptedMask:
+    """The same for the object at a point (x, y px), looked for in a square around it with sides of `side` px."""
+    half = side / (1 + 2 * MARGIN) / 2
+    x, y = point
+    return _segment(rgb, (x - half, y - half, x + half, y + half), at_point=True)
+
+
+def box_of(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
+    """Left, top, right, bottom px of a mask (H, W); the last two just outside."""
+    x, y, width, height = cv2.boundingRect(mask.astype(np.uint8))
+    return x, y, x + width, y + height
+
+
+def _segment(rgb: NDArray[np.uint8], box: Sequence[float], *, at_point: bool) -> PromptedMask:
+    height, width = rgb.shape[:2]
+    left, top, right, bottom = bounds(box)
+    view = crop(rgb, box, SIDE)
+    small = _chances(view, at_point)
+    # errors of the mirror image differ
+    other = _chances(np.ascontiguousarray(view[:, ::-1]), at_point)
+    small = np.asarray((small + other[:, ::-1]) / 2, np.float32)
+    chances = cv2.resize(small, (right - left, bottom - top), interpolation=cv2.INTER_LINEAR)
+    x, y = max(left, 0), max(top, 0)
+    chances = chances[y - top : height - top, x - left : width - left]
+    piece = cut_out(chances >= 0.5, 0, 0, 1)
+    mask = np.zeros((height, width), np.bool_)
+    if piece is None:
+        return PromptedMask(mask, 0.0)
+    inside = piece.on(chances.shape)
+    mask[y : y + inside.shape[0], x : x + inside.shape[1]] = inside
+    on = float(chances[inside].sum())
+    return PromptedMask(mask, on / (float(inside.sum()) + float(chances.sum()) - on))
+
+
+def _chances(rgb: NDArray[np.uint8], at_point: bool) -> F32:
+    """(SIDE / 2, SIDE / 2) 0..1 of a crop (SIDE, SIDE, 3): on the object meant."""
+    levels, head = run_levels(as_input(rgb)), _head()
+    with LOCK:
+        for name, level in levels.items():
+            head.setInput(level, name)
+        head.setInput(np.full((1, 1, 1, 1), at_point, np.float32), "at-point")
+        logits = np.clip(head.forward()[0], -30, 30)
+    return np.asarray(1 / (1 + np.exp(-logits)), np.float32)
+
+
+@cache
+def _head() -> cv2.dnn.Net:
+    return cv2.dnn.readNetFromONNX(str(Path(__file__).with_name("cutout.onnx")))

@@ -20,7 +20,7 @@ from physgen.perceive.roles import (
     Rgb,
     Segments,
 )
-from physgen.perceive.segment.cutout import box_of, mask_at_point, mask_in_box
+from physgen.perceive.segment.network import box_of, mask_at_point, mask_in_box
 from physgen.problems import InputError, Place, Problem, Severity
 from physgen.registry import Backends
 
@@ -28,12 +28,20 @@ Box = tuple[float, float, float, float]
 """Left, top, width, height, px."""
 Point = tuple[float, float]
 """x px, y px."""
-WEAK = 0.33  # confidence below which the user is asked to check the object
-LIKELY = 0.7  # confidence from which a point takes the segmenter's object
-VISIBLE = 0.3  # share of a prompted object that the others must leave visible
-LOOKS = 1.4, 0.7, 0.35, 0.175, 0.09
-"""Of the photo's longer side: sides of the squares around a point in which its object is looked for; with the rule that
-chooses among them, selected on the validation homes and the tune half."""
+
+
+@dataclass(frozen=True)
+class PromptRule:
+    """Constants of prompts, chosen on the validation homes and the tune half."""
+
+    weak: float = 0.33  # confidence below which the user is asked to check the object
+    likely: float = 0.7  # confidence from which a point takes the segmenter's object
+    visible: float = 0.3  # share of a prompted object that the others must leave visible
+    looks: tuple[float, ...] = (1.4, 0.7, 0.35, 0.175, 0.09)
+    """Of the photo's longer side: sides of the squares around a point in which its object is looked for."""
+
+
+RULE = PromptRule()
 
 
 @dataclass(frozen=True)
@@ -103,7 +111,7 @@ def from_prompts(rgb: Rgb, boxes: Sequence[Box], points: Sequence[Point], segmen
         labels[masks[k].mask] = k + 1
     places = [("box", box) for box in boxes] + [("point", point) for point in points]
     for k, (kind, place) in enumerate(places, 1):
-        least = max(VISIBLE * np.count_nonzero(masks[k - 1].mask), SMALLEST_OBJECT)
+        least = max(RULE.visible * np.count_nonzero(masks[k - 1].mask), SMALLEST_OBJECT)
         if np.count_nonzero(labels == k) < least:
             expected = "shows what another box or point shows"
             problems += InputError.of(_flag(kind, place), "", expected, "leave one out").problems
@@ -117,7 +125,7 @@ def from_prompts(rgb: Rgb, boxes: Sequence[Box], points: Sequence[Point], segmen
 def weak_prompts(found: Detections) -> Iterator[Problem]:
     """A warning for each prompt whose object hardly stands out."""
     for i, prompt in found.prompts.items():
-        if found.confidence[i] < WEAK:
+        if found.confidence[i] < RULE.weak:
             (kind, place), *_ = prompt.items()
             expected, fix = (
                 "shows nothing that stands out",
@@ -157,9 +165,9 @@ def segment_point(
     found = []
     if segments is not None and (i := int(segments.labels[y, x])) and meant(own := segments.labels == i):
         found.append(PromptedMask(own, float(segments.confidence[i - 1])))
-        if found[0].confidence >= LIKELY:
+        if found[0].confidence >= RULE.likely:
             return found[0]
-    for look in LOOKS:
+    for look in RULE.looks:
         first = mask_at_point(rgb, (x, y), look * max(height, width))
         if first.mask[y, x]:
             again = mask_in_box(rgb, box_of(split(rgb, first.mask, (x, y), others)))
@@ -177,7 +185,9 @@ def split(rgb: Rgb, mask: Mask, point: tuple[int, int], others: Sequence[tuple[i
     inside = [(x, y) for x, y in others if mask[y, x]]
     if not inside:
         return mask
-    markers = np.where(cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0, 0, 1).astype(np.int32)
+    markers = np.where(cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0, 0, 1).astype(
+        np.int32
+    )
     for k, (x, y) in enumerate((point, *inside), 2):
         cv2.circle(markers, (x, y), 2, k, -1)
     own = cv2.watershed(np.ascontiguousarray(rgb), markers) == 2
