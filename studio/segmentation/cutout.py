@@ -148,7 +148,7 @@ def loss(out: torch.Tensor, batch: dict[str, torch.Tensor]) -> torch.Tensor:
 
 def train(rank: int, jobs: int, stores: Shares, steps: int, seed: int, out: Path, device: str) -> None:
     """Learn so many steps; `out` gets what `learn` writes, as cutout.pt."""
-    run = Run(rank, jobs, steps, out, device)
+    run = Run(rank, jobs, steps, out, device, seed)
     where = run.begin()
     network = Network().eval()
     network.load_exported(SHIPPED)
@@ -164,7 +164,7 @@ def train(rank: int, jobs: int, stores: Shares, steps: int, seed: int, out: Path
         with torch.no_grad():
             levels = network.levels(batch["x"].contiguous(memory_format=torch.channels_last))
         at_point = batch["at_point"][:, None, None, None]
-        return {"cut": loss(head([level.detach() for level in levels], at_point), batch)}
+        return {"cut": loss(head(levels, at_point), batch)}
 
     learn(
         run,
@@ -178,4 +178,6 @@ def train(rank: int, jobs: int, stores: Shares, steps: int, seed: int, out: Path
 
 if __name__ == "__main__":
     jobs, stores, args = arguments(__doc__, 5000)
+    if sum(share for _, share in stores) >= 1:
+        raise SystemExit("shares of the stores: less than 1 in all, since COCO's photos have the rest")
     spawn(train, jobs, (stores, args.steps, args.seed, args.output, args.device))

@@ -55,11 +55,9 @@ def export(
     out: Sequence[str],
     trials: Sequence[tuple[Tensor, ...]],
     path: Path,
+    any_size: bool = False,
 ) -> float:
-    """Write the file; returns the largest difference of a logit, the first output, from torch's on the `trials`.
-
-    Sides of pictures are free where the trials differ.
-    """
+    """Write the file; returns the largest difference of a logit, the first output, from torch's on the `trials`."""
     free = {name: {2: f"{name} height", 3: f"{name} width"} for name in (*into, *out)}
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "network.onnx"
@@ -67,7 +65,7 @@ def export(
             warnings.simplefilter("ignore")
             torch.onnx.export(
                 model, trials[0], str(file), dynamo=False, opset_version=13, input_names=list(into),
-                output_names=list(out), dynamic_axes=free if len(trials) > 1 else None,
+                output_names=list(out), dynamic_axes=free if any_size else None,
             )  # fmt: skip
         graph = onnx.load(str(file))
         kernels = {node.input[1] for node in graph.graph.node if node.op_type == "Conv"}
@@ -109,14 +107,13 @@ def main() -> None:
         head.load_state_dict(held)
         with torch.no_grad():
             levels = network.levels(torch.randn(1, 3, SIDE, SIDE))
-        off = export(
-            _Cut(head).eval(), [*OUTPUTS[1:], "at-point"], ["cut"], [(*levels, torch.zeros(1, 1, 1, 1))], path
-        )
+        trials = [(*levels, torch.full((1, 1, 1, 1), at_point)) for at_point in (0.0, 1.0)]
+        off = export(_Cut(head).eval(), [*OUTPUTS[1:], "at-point"], ["cut"], trials, path)
     else:
         path = args.output / "segmentation.onnx"
         network.load_state_dict(held)
         photos = [(torch.randn(1, 3, *size),) for size in ((192, 256), (256, 416))]
-        off = export(_Seen(network).eval(), ["photo"], OUTPUTS, photos, path)
+        off = export(_Seen(network).eval(), ["photo"], OUTPUTS, photos, path, any_size=True)
     print(f"{path.stat().st_size / 1e6:.1f} MB, logits within {off:.4f} of torch's", file=sys.stderr)
 
 

@@ -90,6 +90,7 @@ class Run:
     steps: int
     out: Path
     device: str
+    seed: int
 
     def begin(self) -> torch.device:
         """Meet the other processes; returns where tensors live."""
@@ -98,7 +99,7 @@ class Run:
                 "gloo", rank=self.rank, world_size=self.jobs, init_method=f"file://{self.out}/meet"
             )
         torch.set_num_threads(1)
-        torch.manual_seed(0)
+        torch.manual_seed(self.seed)
         return torch.device(self.device)
 
 
@@ -108,7 +109,7 @@ Shares = list[tuple[Path, float]]
 
 def train(rank: int, jobs: int, stores: Shares, steps: int, seed: int, out: Path, device: str) -> None:
     """Learn so many steps; `out` gets what `learn` writes, as weights.pt."""
-    run = Run(rank, jobs, steps, out, device)
+    run = Run(rank, jobs, steps, out, device, seed)
     where = run.begin()
     network = Network(pretrained=True).to(where, memory_format=torch.channels_last).train()
     encoder = network.encoder()
@@ -193,6 +194,7 @@ def learn(
             (run.out / "state.tmp").replace(state_path)
     if run.rank == 0:
         torch.save(mean.state_dict(), run.out / f"{name}.pt")
+        state_path.unlink(missing_ok=True)
 
 
 def agreed(network: nn.Module, jobs: int) -> None:

@@ -52,7 +52,7 @@ def test_from_a_photo_to_a_saved_scene(
     cubes = [item for item in things.values() if item.label == "wooden cube"]
     assert len(cubes) == 2
     assert new in {item.name for item in cubes}
-    car = next(item for item in things.values() if tuple(item.velocity) != (0, 0))
+    car = max(things.values(), key=lambda item: item.velocity[0])  # perceive pushes another one
     assert car.velocity[0] > 50
     assert car.velocity[1] == pytest.approx(0, abs=car.velocity[0] / 20)
     # each cube is one of the studio's, which it rendered; before, both were one

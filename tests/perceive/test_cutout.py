@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from physgen.maps import read_labels
 from physgen.perceive.segment.network import MARGIN, bounds, crop, mask_at_point, mask_in_box
+from physgen.perceive.segment.prompts import RULE, segment_box, segment_point
 from physgen.photos import read_image
+from physgen.problems import InputError
 from tests.perceive.lambertian import overlap
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -97,5 +99,18 @@ def test_nothing_is_seen_in_an_empty_picture() -> None:
         np.random.default_rng(0).integers(0, 256, (90, 120, 3)).astype(np.uint8),
     ):
         found = mask_in_box(rgb, (30, 20, 80, 70))
-        assert found.confidence < 0.5
-        assert mask_at_point(rgb, (50, 50), 60).confidence < 0.5
+        assert found.confidence < RULE.weak
+        assert mask_at_point(rgb, (50, 50), 60).confidence < RULE.weak
+
+
+@pytest.mark.parametrize("size", [(8, 8), (11, 9), (40, 300)])
+def test_small_and_narrow_photos(size: tuple[int, int]) -> None:
+    rgb = np.random.default_rng(1).integers(0, 256, (*size, 3)).astype(np.uint8)
+    for box in ((0, 0, 4, 4), (size[1] - 4, size[0] - 4, 9, 9), (-5, -5, 500, 500)):
+        assert segment_box(rgb, box).mask.shape == size
+    assert not mask_in_box(rgb, (3, 3, 3, 3)).mask.any()
+    assert not mask_in_box(rgb, (900, 900, 930, 930)).mask.any()
+    try:
+        assert segment_point(rgb, (2, 2), None).mask[2, 2]
+    except InputError as error:
+        assert "shows no object" in str(error)  # noqa: PT017

@@ -38,6 +38,7 @@ class LearnedConstants:
     movable: float = (
         0.5  # mean movability from which an object may be moved: people, animals and furniture are none
     )
+    same: float = 0.5  # IoU below which what is cut out again is another object
     alike: float = 0.85  # IoU from which candidates are of one object
     inside: float = 0.7  # share of a selected proposal in a whole from which it is one of its parts
     covered: float = 0.4  # share of a whole that its two or more parts cover, from which it replaces them
@@ -162,7 +163,8 @@ def as_segments(
 ) -> Segments:
     """Proposals on a grid of `shape` (h, w) as labels of the photo, left to right, each cut out again in its box.
 
-    What is round stays so. Of two with a common pixel the one with the better score gets it.
+    What is round stays so; what is not found again stays as it is. Of two with a common pixel the one with the better
+    score gets it.
     """
     rising = np.argsort(scores, kind="stable")
     size = rgb.shape[0], rgb.shape[1]
@@ -171,7 +173,8 @@ def as_segments(
     for k, i in enumerate(rising.tolist(), 1):
         own = cv2.resize(proposals[i].on(shape).astype(np.uint8), size[::-1]) > 0
         found = mask_in_box(rgb, proposals[i].box * scale).mask
-        labels[own if round_radius(own) and not round_radius(found) else found] = k
+        other = np.count_nonzero(own & found) < LEARNED.same * np.count_nonzero(own | found)
+        labels[own if other or (round_radius(own) and not round_radius(found)) else found] = k
     for k in range(1, len(rising) + 1):
         if (piece := cut_out(labels == k, 0, 0, 1)) is not None:  # without what a later one cut off
             labels[(labels == k) & ~piece.on(size)] = 0

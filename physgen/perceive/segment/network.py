@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.perceive.roles import PromptedMask
+from physgen.perceive.roles import SMALLEST_OBJECT, PromptedMask
 from physgen.perceive.segment.proposals import cut_out
 
 F32 = NDArray[np.float32]
@@ -137,17 +137,22 @@ def crop(
     """A box (left, top, right, bottom px) and its margin, squeezed to (side, side[, 3]); `beyond` is off the photo."""
     left, top, right, bottom = bounds(box)
     height, width = image.shape[:2]
+    found = np.full((side, side, *image.shape[2:]), beyond, np.uint8)
     part = image[max(top, 0) : max(bottom, 0), max(left, 0) : max(right, 0)]
-    outside = max(-top, 0), max(bottom - height, 0), max(-left, 0), max(right - width, 0)
-    whole = cv2.copyMakeBorder(part, *outside, cv2.BORDER_CONSTANT, value=(beyond,) * 3)
-    how = cv2.INTER_AREA if min(whole.shape[:2]) > side else cv2.INTER_LINEAR
-    return np.asarray(cv2.resize(whole, (side, side), interpolation=how), np.uint8)
+    x0, x1 = (round((x - left) / (right - left) * side) for x in (max(left, 0), min(right, width)))
+    y0, y1 = (round((y - top) / (bottom - top) * side) for y in (max(top, 0), min(bottom, height)))
+    if part.size and x1 > x0 and y1 > y0:
+        less = min(part.shape[1], x1 - x0), min(part.shape[0], y1 - y0)
+        part = np.asarray(cv2.resize(part, less, interpolation=cv2.INTER_AREA), np.uint8)
+        found[y0:y1, x0:x1] = cv2.resize(part, (x1 - x0, y1 - y0), interpolation=cv2.INTER_LINEAR)
+    return found
 
 
 def bounds(box: Sequence[float]) -> tuple[int, int, int, int]:
-    """Left, top, right, bottom px of a box's crop, which may reach beyond the photo."""
+    """Left, top, right, bottom px of a box's crop, which may reach beyond the photo; 1 px across and down at least."""
     across, down = MARGIN * (box[2] - box[0]), MARGIN * (box[3] - box[1])
-    return round(box[0] - across), round(box[1] - down), round(box[2] + across), round(box[3] + down)
+    left, top = round(box[0] - across), round(box[1] - down)
+    return left, top, max(round(box[2] + across), left + 1), max(round(box[3] + down), top + 1)
 
 
 def mask_in_box(rgb: NDArray[np.uint8], box: Sequence[float]) -> PromptedMask:
@@ -179,14 +184,19 @@ def _segment(rgb: NDArray[np.uint8], box: Sequence[float], *, at_point: bool) ->
     # errors of the mirror image differ
     other = _chances(np.ascontiguousarray(view[:, ::-1]), at_point)
     small = np.asarray((small + other[:, ::-1]) / 2, np.float32)
-    chances = cv2.resize(small, (right - left, bottom - top), interpolation=cv2.INTER_LINEAR)
-    x, y = max(left, 0), max(top, 0)
-    chances = chances[y - top : height - top, x - left : width - left]
-    piece = cut_out(chances >= 0.5, 0, 0, 1)
+    x, y, end, foot = max(left, 0), max(top, 0), min(right, width), min(bottom, height)
+    across, down = small.shape[1] / (right - left), small.shape[0] / (bottom - top)
+    there = np.array([[across, 0, (x - left + 0.5) * across - 0.5], [0, down, (y - top + 0.5) * down - 0.5]])
+    how = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    size = max(end - x, 1), max(foot - y, 1)
+    chances = np.asarray(
+        cv2.warpAffine(small, there, size, flags=how, borderMode=cv2.BORDER_REPLICATE), np.float32
+    )
+    piece = cut_out(chances >= 0.5, 0, 0, SMALLEST_OBJECT)
     mask = np.zeros((height, width), np.bool_)
     if piece is None:
         return PromptedMask(mask, 0.0)
-    inside = piece.on(chances.shape)
+    inside = piece.on((size[1], size[0]))
     mask[y : y + inside.shape[0], x : x + inside.shape[1]] = inside
     on = float(chances[inside].sum())
     return PromptedMask(mask, on / (float(inside.sum()) + float(chances.sum()) - on))

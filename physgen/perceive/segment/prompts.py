@@ -143,8 +143,9 @@ def segment_box(rgb: Rgb, box: Box) -> PromptedMask:
     found = mask_in_box(rgb, (left, top, right, bottom))
     if found.mask.any():
         return found
-    found.mask[top:bottom, left:right] = True
-    return PromptedMask(found.mask, 0.0)
+    whole = np.zeros(rgb.shape[:2], np.bool_)
+    whole[top:bottom, left:right] = True
+    return PromptedMask(whole, 0.0)
 
 
 def segment_point(
@@ -156,8 +157,8 @@ def segment_point(
     """
     x, y = _pixel(rgb, point)
     height, width = rgb.shape[:2]
-    others = [(round(u), round(v)) for u, v in points if (u, v) != tuple(point)]
-    others = [(u, v) for u, v in others if 0 <= u < width and 0 <= v < height]
+    others = [(round(u), round(v)) for u, v in points]
+    others = [(u, v) for u, v in others if 0 <= u < width and 0 <= v < height and (u, v) != (x, y)]
 
     def meant(mask: Mask) -> bool:
         return bool(mask[y, x]) and not any(mask[v, u] for u, v in others)
@@ -167,16 +168,22 @@ def segment_point(
         found.append(PromptedMask(own, float(segments.confidence[i - 1])))
         if found[0].confidence >= RULE.likely:
             return found[0]
+    contested = False
     for look in RULE.looks:
         first = mask_at_point(rgb, (x, y), look * max(height, width))
-        if first.mask[y, x]:
-            again = mask_in_box(rgb, box_of(split(rgb, first.mask, (x, y), others)))
-            if meant(again.mask):
-                alike = np.count_nonzero(first.mask & again.mask) / np.count_nonzero(first.mask | again.mask)
-                found.append(PromptedMask(again.mask, first.confidence * again.confidence * alike))
+        if not first.mask[y, x]:
+            continue
+        own = split(rgb, first.mask, (x, y), others)
+        again = mask_in_box(rgb, box_of(own)) if own.any() else PromptedMask(own, 0.0)
+        contested |= not meant(first.mask)
+        if meant(again.mask):
+            alike = np.count_nonzero(first.mask & again.mask) / np.count_nonzero(first.mask | again.mask)
+            found.append(PromptedMask(again.mask, float(first.confidence * again.confidence * alike)))
     if not found:
-        fix = "draw a box around it: --box x,y,w,h"
-        raise InputError.of(_flag("point", point), "", "shows no object that ends somewhere", fix)
+        expected, fix = "shows no object that ends somewhere", "draw a box around it: --box x,y,w,h"
+        if contested:
+            expected, fix = "shows what another box or point shows", "leave one out"
+        raise InputError.of(_flag("point", point), "", expected, fix)
     return max(found, key=lambda one: one.confidence)
 
 
