@@ -326,6 +326,8 @@ class _Playback:
     """s of the video in which a push crosses the photo, about."""
     length: float = 2.0
     """Duration, in crossings: time to see what the push leads to."""
+    longest: float = 8.0
+    """s of the video in which all may come to rest, in less slow motion where that helps: it ends then."""
 
 
 PLAYBACK = _Playback()

@@ -151,9 +151,7 @@ def perceive(
         scene["world"]["duration"], slow = playback(side, per_meter)
         scene["render"] = ({"slow": slow} if slow > 1 else {}) | {"motion_blur": document.MOTION_BLUR}
         if slow > 1:
-            comments["render"] = (
-                f"plays {slow} times as slowly as it happens: motion in so small a place is over at once"
-            )
+            comments["render"] = "in slow motion: what moves in so small a place is over at once"
         comments |= document.scene_comments(found, objects, specks, boundaries)
         unknown = (document.unknown_label(t.label) for t in objects if t.id in names.renamed)
         warnings = tuple(dict.fromkeys(problem for problem in unknown if problem))

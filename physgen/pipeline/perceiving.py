@@ -119,6 +119,7 @@ def _pushed(perceived: PerceivedScene) -> PerceivedScene:
     """The scene with the push that shows most, tried in a copy without maps; it ends where that motion does."""
     from physgen.compile.compile import compile_shapes
     from physgen.compile.shapes import shapes_of
+    from physgen.geometry.scale import PLAYBACK
     from physgen.pipeline.pushes import default_push
     from physgen.pipeline.stages import ended
     from physgen.scene.load import Opened
@@ -151,14 +152,27 @@ def _pushed(perceived: PerceivedScene) -> PerceivedScene:
     speeds = [meters(part / scene.world.pixels_per_meter) for part in push.velocity]
     item = document["objects"][push.name] | {"velocity": speeds}
     pushed = opened.scene([f"objects.{push.name}.velocity={json.dumps(speeds)}"])
-    longest = replace(pushed.world, duration=pushed.render.slow * pushed.world.duration, until_rest=True)
-    ends = ended(replace(pushed, world=longest), compile_shapes(pushed, shapes))
-    duration = float(f"{ends.world.duration:.2g}")
+    longest = replace(pushed.world, duration=PLAYBACK.longest, until_rest=True)
+    compiled = compile_shapes(pushed, shapes)
+
+    def end(slow: int) -> float:
+        film = replace(pushed, world=longest, render=replace(pushed.render, slow=slow))
+        return ended(film, compiled).world.duration
+
+    duration, slow, rest = pushed.world.duration, round(pushed.render.slow), end(1)
+    if rest < PLAYBACK.longest:
+        while slow > 1 and slow * rest > PLAYBACK.longest:
+            slow //= 2
+        duration = float(f"{rest if slow == 1 else end(slow):.2g}")
+    render = {key: value for key, value in document["render"].items() if key != "slow"}
     document = document | {
         "objects": document["objects"] | {push.name: item},
         "world": document["world"] | {"duration": duration},
+        "render": ({"slow": slow} if slow > 1 else {}) | render,
     }
     comments = perceived.comments | {f"objects.{push.name}.velocity": push.comment}
+    if slow == 1:
+        comments.pop("render", None)
     return replace(perceived, document=document, comments=comments, wrote={"": {"duration": duration}})
 
 

@@ -36,11 +36,12 @@ class BallTuning:
     odd: float = 0.15
     """Departure in log light from which a pixel counts less: a highlight, a seam, a mixed pixel."""
     same: float = 0.25  # distance in log light up to which two paints are one
-    undecided: float = 0.4
-    """Of the distance to the second nearest paint, beyond which a pixel is hardly nearer to the first."""
+    mixed: float = 0.08  # of linear light: what is so near to a paint, or to a mixture of two, is none
+    undecided: float = 0.08  # of the brightest paint: what differs more from every paint is between them
+    excess: float = 1.3  # times its paint that a pixel may send back: what is more is a reflection
     most_departure: float = 1.0  # of the departure from Lambert, in log light
     darkest: float = 0.18  # of full light: where less falls, the photo's own darkness is taken for the skin's
-    painted: float = 0.4  # share of pixels between paints up to which a ball is taken for a painted one
+    painted: float = 0.55  # share of pixels between paints up to which a ball is taken for a painted one
     plainly: float = 0.6
     """Slope of a ball's brightness over its predicted shading from which the light is taken as it is."""
     brighter: float = 1.6  # than all that is seen of a ball, that its skin may be
@@ -48,11 +49,12 @@ class BallTuning:
     """Of the radius: farther out the photo's own brightness is separated from the model's."""
     even: float = 0.08  # of the radius over which it is evened out
     fades: float = 1.6  # by how much it may differ
-    plain: float = 0.25  # departure of log light from an even change, up to which a ball is of one colour
+    plain: float = 0.2  # departure of log light from an even change, up to which a ball is of one colour
     gloss_width: float = 0.5
     """Of the radius: what outshines its surroundings over no more than this, in any direction, may be a highlight."""
     gloss_least: float = 0.6  # linear light that the dimmest channel of a highlight has at least
     outshines: float = 1.2  # times the brightest paint elsewhere on the ball that a highlight has at least
+    clipped: float = 0.9  # linear light that hardly any paint sends back
     gloss_cosine: float = 0.80
     """Of the angle between a highlight's normal and the mirror's direction, at least."""
 
@@ -74,7 +76,7 @@ class Paints:
     colours: F32
     """(K, 3) linear, in full light."""
     between: float
-    """Share of pixels that are hardly nearer to one paint than to another: few on a painted ball."""
+    """Share of pixels that are unlike all paints: few on a painted ball."""
 
 
 def find_paints(bare: F32, u: F32, v: F32, z: F32, use: NDArray[np.bool_]) -> Paints | None:
@@ -98,13 +100,11 @@ def find_paints(bare: F32, u: F32, v: F32, z: F32, use: NDArray[np.bool_]) -> Pa
         paint = _nearest(bare_now, _apart(_each(np.median, bare_now, paint)))
     # then each channel's own light, with the paints as they are: what stands near lends its colour
     each = even[:, None] + _solved(rows, level - (rows @ even)[:, None], paint, trust)
-    left = level - rows @ each
-    colours = _each(np.median, left, paint)
-    away = np.sort([np.sqrt(((left - c) ** 2).sum(axis=1)) for c in colours], axis=0)
-    between = float((away[0] > BALL.undecided * away[1]).mean()) if len(colours) > 1 else 0.0
-    return Paints(
-        each.astype(np.float32), np.maximum(np.exp(colours) - BALL.dim, 0).astype(np.float32), between
-    )
+    left = np.maximum(np.exp(level - rows @ each) - BALL.dim, 0)
+    colours = _unmixed(_each(np.median, left, paint)[np.argsort(-np.bincount(paint), kind="stable")])
+    away = np.min([np.abs(left - c).max(axis=1) for c in colours], axis=0)
+    between = float((away > BALL.undecided * colours.max()).mean())
+    return Paints(each.astype(np.float32), colours.astype(np.float32), between)
 
 
 def _solved(rows: Array, level: Array, paint: Ids, trust: Array) -> Array:
@@ -148,6 +148,21 @@ def _apart(centers: Array) -> Array:
     for center in centers:
         if all(np.linalg.norm(center - other) > BALL.same for other in kept):
             kept.append(center)
+    return np.array(kept)
+
+
+def _unmixed(colours: Array) -> Array:
+    """Of linear `colours` (K, 3), the most frequent first, those that more frequent ones do not make between them.
+
+    Borders of paints mix, and so do dark paints and what they reflect.
+    """
+    kept: list[Array] = []
+    for colour in colours:
+        ways = [(one, other - one) for one in kept for other in kept]
+        shares = [np.clip((colour - one) @ way / max(way @ way, 1e-9), 0, 1) for one, way in ways]
+        mixtures = [one + share * way for (one, way), share in zip(ways, shares, strict=True)]
+        if all(np.abs(colour - mixture).max() > BALL.mixed for mixture in mixtures):
+            kept.append(colour)
     return np.array(kept)
 
 
@@ -250,9 +265,17 @@ def ball_from_photo(
     found = find_paints(bare, su, sv, z, (rho < RIM) & (shine.max(axis=2) <= 0))
     if found is not None and found.between < BALL.painted:
         ball = replace(ball, even=found.even)
-        bare = np.ascontiguousarray((inner - shine) / ball.shade(su, sv, z), np.float32)
+        lit = ball.shade(su, sv, z)
+        seen = (inner - shine) / lit
+        cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+        excess = np.maximum(seen - BALL.excess * cv2.dilate(_flat(seen, found, 3), cross), 0)
+        excess = cv2.morphologyEx(excess, cv2.MORPH_OPEN, cross)  # a line is paint
+        bare, shine = seen - excess, shine + excess * lit
+        ball = replace(ball, gloss=shine)
         if view is View.TOP:
-            bare = _painted(bare, rho, found)
+            # towards the rim, where few slanted pixels stand for much of the far side, paints instead of pixels
+            share = np.clip((rho - NEAR_RIM[0]) / (NEAR_RIM[1] - NEAR_RIM[0]), 0, 1)[..., None]
+            bare += share * (_flat(bare, found, 5) - bare)
         ball = replace(ball, skin=bare)
     if _plain(bare, su, sv, z, rho < RIM):
         # a ball of one colour looks the same however it has turned: all that is uneven is light, and stays
@@ -295,13 +318,10 @@ def blurred_share(seen: F32, model: F32, weight: F32, sigma: float) -> F32:
     return np.asarray(np.clip(above / np.maximum(below, 1e-3), 1 / BALL.fades, BALL.fades), np.float32)
 
 
-def _painted(bare: F32, rho: F32, found: Paints) -> F32:
-    """Towards the rim, where few slanted pixels stand for much of the far side, paints instead of pixels."""
-    level, colours = np.log(np.maximum(bare, 0) + BALL.dim), np.log(found.colours + BALL.dim)
-    paint = np.argmin([((level - c) ** 2).sum(axis=2) for c in colours], axis=0).astype(np.uint8)
-    flat = found.colours[cv2.medianBlur(paint, 5)]
-    share = np.clip((rho - NEAR_RIM[0]) / (NEAR_RIM[1] - NEAR_RIM[0]), 0, 1)[..., None]
-    return np.asarray(np.ascontiguousarray(bare + share * (flat - bare)), np.float32)
+def _flat(bare: F32, found: Paints, width: int) -> F32:
+    """(h, w, 3) the paint that is nearest to each pixel; what is narrower than half of `width` px is left out."""
+    paint = np.argmin([np.abs(bare - c).max(axis=2) for c in found.colours], axis=0).astype(np.uint8)
+    return np.asarray(found.colours[cv2.medianBlur(paint, width)], np.float32)
 
 
 def _plain(bare: F32, u: F32, v: F32, z: F32, inside: NDArray[np.bool_]) -> bool:
@@ -332,13 +352,14 @@ def _gloss(colour: F32, u: F32, v: F32, z: F32, radius: float, light: DistantLig
     core &= dimmest > 1.5 * beneath.min(axis=2) + 0.05
     # a white stripe is as white elsewhere on the ball; a highlight outshines all of it
     paint = dimmest / sphere_shading(light, u, v, z)
-    if near.all():  # nothing beside it to outshine
+    beside = ~near & (u * u + v * v < 0.99 * RIM * RIM)
+    if not beside.any():  # nothing beside it to outshine
         return np.zeros_like(colour)
-    core &= paint > BALL.outshines * np.percentile(paint[~near], 97)
+    core &= (paint > BALL.outshines * np.percentile(paint[beside], 97)) | (dimmest > BALL.clipped)
     count, names, boxes, _ = cv2.connectedComponentsWithStats(core.astype(np.uint8))
     for k in range(1, count):
         long = max(boxes[k, cv2.CC_STAT_WIDTH], boxes[k, cv2.CC_STAT_HEIGHT])
-        if long > BALL.gloss_width * radius:
+        if long > BALL.gloss_width * radius + 1:
             core[names == k] = False
     if not core.any():
         return np.zeros_like(colour)
