@@ -24,6 +24,7 @@ from physgen.photometry import decode, encode_u8
 from physgen.render.atlas import BallSprites, ShadowSprites
 from physgen.render.occlusion import add_shadow, occlusion_factors, relit_border, sprite_silhouette
 from physgen.render.shadow_decomposition import shaded_background
+from physgen.render.sprites import CUT
 from physgen.render.stage import (
     Cover,
     Frame,
@@ -221,6 +222,7 @@ def render_frames(
                 if (trail := _trail(stage, stand, [poses[stage.sprites[stand.k].body] for poses in exposed]))
             }
             relit = shadows.thrown(canvas, stands, pictures, trails, changed)
+            _add_sides(stage, pictures)
             for box in boxes_of_tiles([a & ~b for a, b in zip(before, relit, strict=True)], size):
                 canvas[box] = left.light[box]
             touched = boxes_of_tiles(relit, size)
@@ -353,7 +355,7 @@ def _smeared(
     corner, light, coverage = whole
     right, bottom = coverage.shape[1] - 1, coverage.shape[0] - 1
     corners = np.array([[0, 0, 1], [right, 0, 1], [0, bottom, 1], [right, bottom, 1]], np.float64)
-    middle = np.array(stand.pose[:2]) - corner
+    middle = np.array([stand.pose.x, stand.pose.y + stage.sprites[stand.k].face]) - corner
     moves = []
     for x, y, angle in trail:
         turn = rotation(angle)
@@ -426,6 +428,34 @@ def _pictures(stage: Stage, balls: BallSprites, stands: Sequence[SpritePose]) ->
         sprite = stage.sprites[stand.k]
         light, coverage = together.get(stand.k) or draw_sprite(sprite, where, stage.supersample)
         yield Picture(stand, where, light, coverage, draw_border(sprite, where, left))
+
+
+def _add_sides(stage: Stage, pictures: Sequence[Picture]) -> None:
+    """Add the sides of blocks that moved, where no front of another object is: fronts are in one plane."""
+    fronts = [(picture.where.box, picture.coverage) for picture in pictures]
+    for k, picture in enumerate(pictures):
+        sides, box = stage.sprites[picture.stand.k].sides, picture.where.box
+        if sides is None or picture.where.own is not None:
+            continue
+        light, side = sides.drawn(picture.coverage, picture.where.turn)
+        free, light_left = np.ones_like(side), np.ones_like(side)
+        for other, coverage in fronts[:k] + fronts[k + 1 :]:
+            cuts = [(max(a.start, b.start), min(a.stop, b.stop)) for a, b in zip(box, other, strict=True)]
+            if all(first < last for first, last in cuts):
+                here, there = (
+                    tuple(
+                        slice(first - at.start, last - at.start)
+                        for (first, last), at in zip(cuts, of, strict=True)
+                    )
+                    for of in (box, other)
+                )
+                free[here] *= 1 - coverage[there]
+                near = cv2.GaussianBlur(coverage, (0, 0), sides.depth)[there]
+                light_left[here] *= 1 - np.float32(CUT.side_hidden) * near
+        picture.light, picture.coverage = (
+            picture.light + light * three_channels(free * light_left),
+            picture.coverage + side * free,
+        )
 
 
 def _figures(stage: Stage, pictures: Sequence[Picture]) -> Mapping[int, Silhouette]:

@@ -86,6 +86,11 @@ class SpriteTuning:
     flat: float = 2.0  # px by which the top of a shape may rise and be level
     texture: float = 3.0  # px: what is finer is texture, what is coarser is shading
     glint: float = 2.0  # times its mean: what texture stands out more is no texture
+    side_light: float = (
+        0.7  # of a block's top in the photo, that any of its sides has: tables and walls give light
+    )
+    side_hidden: float = 0.9  # of a side's light, kept away by fronts of others close to it
+    leans: float = 0.25  # rad from which the top that the photo shows of a block has given way to its sides
     dark: float = 0.003  # of linear light, below which levels are alike
     sides: int = 12  # of the shape that stands for a sprite where only its reach matters
 
@@ -152,6 +157,40 @@ def relief_of(normals: F32, known: Mask, light: DistantLight) -> Relief | None:
     return found if changes > CUT.facing else None
 
 
+@dataclass(frozen=True)
+class Sides:
+    """What is seen of a block beside its front, from a little above: its upper sides, swept upwards behind it."""
+
+    front: F32
+    """(h, w) 0..1 on its sprite's box: what is below its top, as it stands in the photo."""
+    depth: float
+    """px by which its back appears higher than its front."""
+    colour: F32
+    """(3,) linear light of its top in the photo."""
+    light: DistantLight
+
+    @staticmethod
+    def share(turn: float) -> float:
+        """0..1: how far the sides stand for the top that the photo shows, of a block turned by `turn` rad."""
+        return min(abs(turn) / CUT.leans, 1.0)
+
+    def drawn(self, coverage: F32, turn: float) -> tuple[F32, F32]:
+        """Light (h, w, 3) times coverage, and coverage (h, w), of the sides of a front with its `coverage` (h, w).
+
+        It has turned by `turn` rad.
+        """
+        tall = np.ones((round(self.share(turn) * self.depth) + 1, 1), np.uint8)
+        whole, angle = cv2.dilate(coverage, tall, anchor=(0, 0)), turn % (np.pi / 2)
+        faces = [[-cos(angle), -sin(angle), 0], [sin(angle), -cos(angle), 0], [0, -1, 0]]
+        left, right, top = lambert(self.light, np.array(faces, np.float32)).tolist()
+        uppermost = np.flatnonzero(whole[np.argmax((whole > 0.5).any(axis=1))] > 0.5)
+        corner = 0 if not len(uppermost) else uppermost[0] if angle < np.pi / 4 else uppermost[-1] + 1
+        shade = np.where(np.arange(whole.shape[1]) < corner, left, right) / max(top, 1e-3)
+        shade = np.maximum(shade, CUT.side_light)
+        side = np.asarray(whole - coverage, np.float32)
+        return side[..., None] * (shade[:, None].astype(np.float32) * self.colour), side
+
+
 MARGIN = 2
 """px of nothing around a sprite, so that interpolation fades to nothing."""
 
@@ -181,6 +220,10 @@ class Sprite:
     relief: Relief | None = None  # of what is no ball: the normals that turn with it, where they are known
     hider: NDArray[np.int32] | None = None
     """(h, w): 1 + the body that touches the object here in the photo; as it goes, so does `rest`. 0: none."""
+
+    face: float = 0.0
+    """px by which the front that is seen lies below the plane of motion, however the object turns."""
+    sides: Sides | None = None
 
     @cached_property
     def hull(self) -> list[tuple[float, float]]:

@@ -74,6 +74,7 @@ def place_sprite(
         return None
     if sprite.ball is not None:
         return _rolled(sprite, start, pose, size, space)
+    start, pose = (at._replace(y=at.y + sprite.face) for at in (start, pose))
     c, s = cos(turn), sin(turn)
     moved_by = 0.0
     lx = ly = inf
@@ -83,7 +84,8 @@ def place_sprite(
         nx, ny = c * dx - s * dy + pose.x, s * dx + c * dy + pose.y
         lx, hx, ly, hy = min(lx, nx), max(hx, nx), min(ly, ny), max(hy, ny)
         moved_by = max(moved_by, abs(nx - x), abs(ny - y))
-    box = _boxed(lx - SPREAD, ly - SPREAD, hx + SPREAD, hy + SPREAD, size)
+    above = SPREAD + (0.0 if sprite.sides is None else sprite.sides.depth)
+    box = _boxed(lx - SPREAD, ly - above, hx + SPREAD, hy + SPREAD, size)
     if box is None:
         return None
     # canvas pixel p (from the box's corner) comes from sprite pixel R^-1 (p + box - pose) + start - corner
@@ -139,6 +141,12 @@ def draw_sprite(sprite: Sprite, where: Placement, fine: int = 1) -> tuple[F32, F
         ratio = sprite.relief.ratio(where.turn)
         there = cv2.warpAffine(ratio, matrix, many, flags=WARP_FLAGS, borderMode=cv2.BORDER_REPLICATE)
         light *= three_channels(np.asarray(there, np.float32))
+    if sprite.sides is not None and where.turn != 0.0:
+        front = cv2.warpAffine(
+            sprite.sides.front, matrix, many, flags=WARP_FLAGS, borderMode=cv2.BORDER_REPLICATE
+        )
+        kept = np.asarray(1 - sprite.sides.share(where.turn) * (1 - front), np.float32)
+        light, coverage = light * three_channels(kept), coverage * kept
     if fine > 1:
         light = np.asarray(cv2.resize(light, size, interpolation=cv2.INTER_AREA), np.float32)
         coverage = np.asarray(cv2.resize(coverage, size, interpolation=cv2.INTER_AREA), np.float32)

@@ -24,7 +24,7 @@ from physgen.photometry import DistantLight, decode
 from physgen.render.ball import ball_from_photo, sphere_shading
 from physgen.render.occlusion import SUNK, ground_below, occluders, occlusions, silhouette
 from physgen.render.shadow_decomposition import decompose_shadows
-from physgen.render.sprites import MARGIN, Mask, Sprite, anchored, relief_of
+from physgen.render.sprites import CUT, MARGIN, Mask, Sides, Sprite, anchored, relief_of
 from physgen.render.stage import Frame, ShadowBody, Stage, three_channels
 from physgen.scene.scene import Scene, Solid, View
 
@@ -46,6 +46,12 @@ class StagingTuning:
     flat: float = 0.8  # of its radius: how high a disc reaches above a table, where the scene does not say
     deep: float = 0.9  # of the root of its area: how far anything else reaches through the plane of motion
     ghosts: int = 200  # objects that a scene leaves out and whose shadows leave with them, about: the largest
+    seen_top: float = (
+        0.7  # px by which an object must show above and below its shape: less tells ragged borders
+    )
+    back: float = (
+        0.8  # of what a top shows in the photo, that sides show: edges are rounded; by the tune half
+    )
     stray: float = 0.03  # share of a ball's pixels that may lie outside its circle
     thread: float = 2.0  # px: how thick what hangs on a ball is
     steep: float = 0.25  # rise over run from which a boundary is no floor: shadows of a slope lie elsewhere
@@ -227,7 +233,7 @@ def lit_stage(
             None if before is None or share == 0 else np.asarray(share * before, np.float32)
             for before, share in zip(veils, shares, strict=True)
         ]
-    sprites = [sprite for sprite, _ in parts]
+    sprites = [sprite if top else _faced(sprite, world.bodies[sprite.body], light) for sprite, _ in parts]
     if scene.render.relight:
         sprites = [
             sprite
@@ -357,6 +363,30 @@ def _actor(sprite: Sprite, body: Body, loose: bool, top: bool) -> ShadowBody:
         return ShadowBody(None, STAGING.thread)
     ball = body.solid is Solid.SPHERE and sprite.coverage.max(initial=0) >= 1
     return ShadowBody(body.radius if ball else None, thickness(body, top))
+
+
+def _faced(sprite: Sprite, body: Body, light: DistantLight) -> Sprite:
+    """The sprite with its `face`: how far it shows below its shape, if as far above it as well, where its back is.
+
+    The top of a block that is seen has its `sides`.
+    """
+    solid = sprite.coverage >= 0.5
+    rows = np.flatnonzero(solid.any(axis=1))
+    if body.radius is not None or not len(rows):
+        return sprite
+    shape = np.concatenate(body.rings)[:, 1] + body.center[1] - sprite.corner[1]
+    face = float(min(shape.min() - rows[0], rows[-1] - shape.max())) + 0.5
+    if face < STAGING.seen_top:
+        return sprite
+    tops = solid.argmax(axis=0)[solid.any(axis=0)]
+    y = np.arange(len(solid), dtype=np.float32)[:, None] - np.float32(rows[0] - 0.5 + 2 * face)
+    top = (sprite.coverage >= 1) & (y < -0.5)
+    block = len(body.rings) == 1 and len(body.rings[0]) == 4 and top.any()
+    if not block or np.ptp(np.percentile(tops, (25, 75))) > CUT.flat:
+        return replace(sprite, face=face)
+    front = np.broadcast_to(np.clip(y + 0.5, 0, 1), solid.shape).copy()
+    colour = np.median(sprite.light[top], axis=0)
+    return replace(sprite, face=face, sides=Sides(front, STAGING.back * 2 * face, colour, light))
 
 
 def _parted(sprite: Sprite, body: Body) -> list[tuple[Sprite, bool]]:

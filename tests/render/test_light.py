@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from physgen import pipeline
+from physgen.geometry.polygon import Pose
 from physgen.geometry.shadows import ShadowSetting, Silhouette, shadow_darkness
 from physgen.photometry import DistantLight, decode, encode_u8
 from physgen.render.atlas import BallSprites
 from physgen.render.ball import ball_from_photo
-from physgen.render.sprites import Sprite, lambert, relief_of
-from physgen.render.stage import Placement
+from physgen.render.sprites import Sides, Sprite, lambert, relief_of
+from physgen.render.stage import Placement, draw_sprite, place_sprite
 from physgen.scene.scene import View
 from physgen.simulate.engine import simulate
 
@@ -332,3 +333,42 @@ def test_what_is_left_out_takes_its_shadow_along() -> None:
     assert dark.sum() > 300
     before, after = (np.abs(p.astype(int) - maps.clean)[dark].mean() for p in (maps.background, frame.rgb))
     assert after < 0.45 * before
+
+
+def test_what_a_neighbour_lends_a_painted_ball_does_not_turn_with_it() -> None:
+    r = 20.0
+    y, x = np.mgrid[:51, :51]
+    u, v = (x - 25) / r, (y - 25) / r
+    z = np.sqrt(np.maximum(1 - u * u - v * v, 0))
+    shade = SUN.ambient + SUN.intensity * np.maximum(np.stack([u, v, z], -1) @ np.array(SUN.direction), 0)
+    photo = np.where((v > 0.55)[..., None], [0.6, 0.5, 0.3], [0.05, 0.01, 0.06]) * shade[..., None]
+    spot = np.hypot(x - 33, y - 25) < 4
+    lent = (0.1 * spot)[..., None] * np.array([1.0, 0.8, 0.5])  # as of a white one
+    photo = np.where((u * u + v * v < 1)[..., None], photo + lent, 0).astype(np.float32)
+    ball = ball_from_photo(photo, (0, 0), (25.0, 25.0), r, SUN, View.TOP)
+    inside = np.hypot(x - 33, y - 25) < 2.5
+    assert (ball.skin * ball.lit)[inside].max() < 0.07
+    assert np.abs(ball.gloss - lent)[inside].mean() < 0.06
+    assert np.abs(ball.skin * ball.lit + ball.gloss - photo)[u * u + v * v < 0.5].max() < 0.02
+
+
+@pytest.mark.parametrize("degrees", [0.001, 30, 90, 150, -60])
+def test_a_block_seen_from_above_shows_its_upper_sides_above_its_front(degrees: float) -> None:
+    """As if swept: width x depth of pixels more, all above the front, which turns about its own middle."""
+    coverage = np.zeros((80, 80), np.float32)
+    coverage[20:60, 34:46] = 1
+    sides = Sides((np.arange(80)[:, None] >= 20).repeat(80, 1).astype(np.float32), 4.0, np.full(3, 0.5), SUN)
+    sprite = Sprite(0, (0, 0), coverage[..., None].repeat(3, 2) * 0.3, coverage, face=5.0, sides=sides)
+    turn = np.radians(degrees)
+    where = place_sprite(sprite, Pose(39.5, 34.5, 0.0), Pose(39.5, 34.5, turn), (80, 80), None)
+    assert where is not None
+    _, front = draw_sprite(sprite, where)
+    rows, columns = np.indices(front.shape)
+    middle = [(part * front).sum() / front.sum() for part in (columns, rows)]
+    assert np.allclose(middle, [39.5 - where.box[1].start, 39.5 - where.box[0].start], atol=0.1)
+    light, side = sides.drawn(front, turn)
+    wide = 12 * abs(np.cos(turn)) + 40 * abs(np.sin(turn))
+    assert side.sum() == pytest.approx(4 * wide * sides.share(turn), rel=0.06, abs=1)
+    assert light.max() <= 0.5 * 1.6
+    below = (rows > np.where(front > 0.5, rows, -1).max(axis=0)) & (front > 0.5).any(axis=0)
+    assert not side[below & (front < 0.1)].any()

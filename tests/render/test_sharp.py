@@ -49,18 +49,22 @@ def test_what_moves_stays_sharp_and_keeps_its_colour(name: str, move: tuple[floa
     height, width = compiled.labels.shape
     tried = 0
     for k, body in enumerate(compiled.world.bodies):
-        own = cv2.erode((compiled.labels == k + 1).astype(np.uint8), np.ones((11, 11)))
+        # alone in the picture, in its middle
+        alone = Stage(stage.background, [s for s in stage.sprites if s.body == k])
+        own = (compiled.labels == k + 1).astype(np.uint8)
+        face = max((sprite.face for sprite in alone.sprites), default=0.0)
+        first = np.flatnonzero(own.any(axis=1)).min(initial=height)
+        own[: int(first + np.ceil(2 * face))] = 0  # its front alone turns
+        own = cv2.erode(own, np.ones((11, 11)))
         # weights that fade towards the object's border, so that the same of it counts before and after
         weight = cv2.blur(own.astype(np.float32), (7, 7), borderType=cv2.BORDER_CONSTANT)
         if own.sum() < 400:
             continue
-        # alone in the picture, in its middle
-        alone = Stage(stage.background, [s for s in stage.sprites if s.body == k])
         poses = still.poses.copy()
         poses[1, k] = poses[0, k] + (dx, dy, np.radians(degrees))
         _, frame = render_frames(alone, replace(still, poses=poses))
         turn = rotation(np.radians(degrees))
-        center = body.center
+        center = body.center + np.array([0.0, face])  # a front turns about its own middle
         matrix = np.column_stack([turn, center + np.array([dx, dy]) - turn @ center])
         there = cv2.warpAffine(weight, matrix, (width, height))
         if there.sum() < 0.999 * weight.sum():
