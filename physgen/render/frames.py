@@ -431,31 +431,33 @@ def _pictures(stage: Stage, balls: BallSprites, stands: Sequence[SpritePose]) ->
 
 
 def _add_sides(stage: Stage, pictures: Sequence[Picture]) -> None:
-    """Add the sides of blocks that moved, where no front of another object is: fronts are in one plane."""
-    fronts = [(picture.where.box, picture.coverage) for picture in pictures]
-    for k, picture in enumerate(pictures):
-        sides, box = stage.sprites[picture.stand.k].sides, picture.where.box
-        if sides is None or picture.where.own is not None:
-            continue
-        light, side = sides.drawn(picture.coverage, picture.where.turn)
-        free, light_left = np.ones_like(side), np.ones_like(side)
-        for other, coverage in fronts[:k] + fronts[k + 1 :]:
-            cuts = [(max(a.start, b.start), min(a.stop, b.stop)) for a, b in zip(box, other, strict=True)]
-            if all(first < last for first, last in cuts):
-                here, there = (
-                    tuple(
-                        slice(first - at.start, last - at.start)
-                        for (first, last), at in zip(cuts, of, strict=True)
-                    )
-                    for of in (box, other)
-                )
-                free[here] *= 1 - coverage[there]
-                near = cv2.GaussianBlur(coverage, (0, 0), sides.depth)[there]
-                light_left[here] *= 1 - np.float32(CUT.side_hidden) * near
-        picture.light, picture.coverage = (
-            picture.light + light * three_channels(free * light_left),
-            picture.coverage + side * free,
+    """Add the sides of blocks that turned, where no front of another object is: fronts are in one plane."""
+    turned = [
+        (picture, sides)
+        for picture in pictures
+        if (sides := stage.sprites[picture.stand.k].sides) is not None and sides.share(picture.where.turn) > 0
+    ]
+    if not turned:
+        return
+    fronts = [(picture, picture.where.box, picture.coverage) for picture in pictures]
+    for picture, sides in turned:
+        (rows, columns), coverage = picture.where.box, picture.coverage
+        side, shade = sides.drawn(coverage, picture.where.turn)
+        lit = np.broadcast_to(shade, side.shape).copy()
+        for other, (tall, wide), front in fronts:
+            top, bottom = max(rows.start, tall.start), min(rows.stop, tall.stop)
+            first, last = max(columns.start, wide.start), min(columns.stop, wide.stop)
+            if other is picture or top >= bottom or first >= last:
+                continue
+            here = np.s_[top - rows.start : bottom - rows.start, first - columns.start : last - columns.start]
+            part = front[top - tall.start : bottom - tall.start, first - wide.start : last - wide.start]
+            side[here] *= 1 - part
+            lit[here] *= 1 - np.float32(CUT.side_hidden) * cv2.blur(part, (2 * round(sides.depth) + 1,) * 2)
+        lit *= side
+        picture.light = np.asarray(
+            cv2.add(picture.light, cv2.merge([lit * part for part in sides.colour])), np.float32
         )
+        picture.coverage = coverage + side
 
 
 def _figures(stage: Stage, pictures: Sequence[Picture]) -> Mapping[int, Silhouette]:

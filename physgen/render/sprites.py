@@ -161,23 +161,30 @@ def relief_of(normals: F32, known: Mask, light: DistantLight) -> Relief | None:
 class Sides:
     """What is seen of a block beside its front, from a little above: its upper sides, swept upwards behind it."""
 
-    front: F32
-    """(h, w) 0..1 on its sprite's box: what is below its top, as it stands in the photo."""
+    first: float
+    """Row of its sprite's box at which its front begins, below its top, as it stands in the photo."""
     depth: float
     """px by which its back appears higher than its front."""
     colour: F32
     """(3,) linear light of its top in the photo."""
     light: DistantLight
 
-    @staticmethod
-    def share(turn: float) -> float:
+    def share(self, turn: float) -> float:
         """0..1: how far the sides stand for the top that the photo shows, of a block turned by `turn` rad."""
-        return min(abs(turn) / CUT.leans, 1.0)
+        share = min(abs(turn) / CUT.leans, 1.0)
+        return share if share * self.depth >= 0.5 else 0.0
+
+    def kept(self, matrix: NDArray[np.float64], shape: tuple[int, int], turn: float) -> F32:
+        """(h, w) of a picture of this `shape`: what is left where the top was; `matrix` (2, 3) leads to the sprite."""
+        along, down, off = matrix[1].astype(np.float32)
+        x, y = (np.arange(side, dtype=np.float32) for side in shape[::-1])
+        top = np.clip(along * -x + (np.float32(self.first + 0.5) - off - down * y)[:, None], 0, 1)
+        return np.asarray(1 - np.float32(self.share(turn)) * top, np.float32)
 
     def drawn(self, coverage: F32, turn: float) -> tuple[F32, F32]:
-        """Light (h, w, 3) times coverage, and coverage (h, w), of the sides of a front with its `coverage` (h, w).
+        """(h, w) coverage of the sides of a front with its `coverage` (h, w) that has turned by `turn` rad.
 
-        It has turned by `turn` rad.
+        And (w,) by which `colour` is multiplied in each column.
         """
         tall = np.ones((round(self.share(turn) * self.depth) + 1, 1), np.uint8)
         whole, angle = cv2.dilate(coverage, tall, anchor=(0, 0)), turn % (np.pi / 2)
@@ -186,9 +193,7 @@ class Sides:
         uppermost = np.flatnonzero(whole[np.argmax((whole > 0.5).any(axis=1))] > 0.5)
         corner = 0 if not len(uppermost) else uppermost[0] if angle < np.pi / 4 else uppermost[-1] + 1
         shade = np.where(np.arange(whole.shape[1]) < corner, left, right) / max(top, 1e-3)
-        shade = np.maximum(shade, CUT.side_light)
-        side = np.asarray(whole - coverage, np.float32)
-        return side[..., None] * (shade[:, None].astype(np.float32) * self.colour), side
+        return np.asarray(whole - coverage, np.float32), np.maximum(shade, CUT.side_light).astype(np.float32)
 
 
 MARGIN = 2

@@ -141,11 +141,8 @@ def draw_sprite(sprite: Sprite, where: Placement, fine: int = 1) -> tuple[F32, F
         ratio = sprite.relief.ratio(where.turn)
         there = cv2.warpAffine(ratio, matrix, many, flags=WARP_FLAGS, borderMode=cv2.BORDER_REPLICATE)
         light *= three_channels(np.asarray(there, np.float32))
-    if sprite.sides is not None and where.turn != 0.0:
-        front = cv2.warpAffine(
-            sprite.sides.front, matrix, many, flags=WARP_FLAGS, borderMode=cv2.BORDER_REPLICATE
-        )
-        kept = np.asarray(1 - sprite.sides.share(where.turn) * (1 - front), np.float32)
+    if sprite.sides is not None and sprite.sides.share(where.turn) > 0:
+        kept = sprite.sides.kept(matrix, coverage.shape, where.turn)
         light, coverage = light * three_channels(kept), coverage * kept
     if fine > 1:
         light = np.asarray(cv2.resize(light, size, interpolation=cv2.INTER_AREA), np.float32)

@@ -379,14 +379,13 @@ def _faced(sprite: Sprite, body: Body, light: DistantLight) -> Sprite:
     if face < STAGING.seen_top:
         return sprite
     tops = solid.argmax(axis=0)[solid.any(axis=0)]
-    y = np.arange(len(solid), dtype=np.float32)[:, None] - np.float32(rows[0] - 0.5 + 2 * face)
-    top = (sprite.coverage >= 1) & (y < -0.5)
+    first = float(rows[0] - 0.5 + 2 * face)
+    top = (sprite.coverage >= 1) & (np.arange(len(solid)) < first - 0.5)[:, None]
     block = len(body.rings) == 1 and len(body.rings[0]) == 4 and top.any()
     if not block or np.ptp(np.percentile(tops, (25, 75))) > CUT.flat:
         return replace(sprite, face=face)
-    front = np.broadcast_to(np.clip(y + 0.5, 0, 1), solid.shape).copy()
     colour = np.median(sprite.light[top], axis=0)
-    return replace(sprite, face=face, sides=Sides(front, STAGING.back * 2 * face, colour, light))
+    return replace(sprite, face=face, sides=Sides(first, STAGING.back * 2 * face, colour, light))
 
 
 def _parted(sprite: Sprite, body: Body) -> list[tuple[Sprite, bool]]:
