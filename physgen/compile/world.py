@@ -84,8 +84,10 @@ class Body:
         size = max(widths)
         wider: list[shapely.Polygon] = []
         for width, piece in sorted(zip(widths, self.pieces, strict=True), key=lambda pair: -pair[0]):
-            beyond = shapely.distance(shapely.points(piece), shapely.union_all(wider)) > width
-            if beyond.any():
+            corners = shapely.points(piece)
+            # a union takes long, and is needed only for what may be a limb
+            far = shapely.distance(corners, shapely.geometrycollections(wider)) > 0.999 * width
+            if far.any() and (shapely.distance(corners, shapely.union_all(wider)) > width).any():
                 size = width
             wider.append(shapely.Polygon(piece))
         return size

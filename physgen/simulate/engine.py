@@ -23,6 +23,7 @@ from physgen.scene.scene import Motion
 from physgen.simulate.collisions import Impacts, ImpactSolver, StepMotion, WorkBudget
 from physgen.simulate.contacts import (
     CONTACT_BYTES,
+    NUMBERS,
     Array,
     ContactProperties,
     Touching,
@@ -52,7 +53,7 @@ from physgen.simulate.recorder import (
     StepLog,
     recorded_trajectory,
 )
-from physgen.simulate.space import Space
+from physgen.simulate.space import GLIDE, Space
 from physgen.simulate.step_control import Governor, StepDivider
 from physgen.simulate.trajectory import Effort, Trajectory
 
@@ -140,9 +141,9 @@ class Running:
                 self._start()
             last = ceil(until / self._base - 1e-9)
             while self._number < last and not enough():
-                self._number += 1
-                self._advance((self._number - 1) * self._base, self._number * self._base)
-                if self._number % 256 == 0:
+                before = self._number
+                self._advance(last)
+                if self._number // 256 > before // 256:
                     progress("simulate", self._ledger.done, len(self.times))
 
     def read(self) -> None:
@@ -216,25 +217,47 @@ class Running:
             self._tape.begin(self._ledger, step, pose, shown, roll)
         self._ledger.begin(step, pose, shown, roll)
 
-    def _advance(self, begin: float, end: float) -> None:
-        """A base step, in as many parts as it needs."""
+    def _advance(self, last: int) -> None:
+        """A base step, in as many parts as it needs; or several, up to the last, in which nothing happens."""
+        begin, end = self._number * self._base, (self._number + 1) * self._base
         h = end - begin
         parts = self._stiff
         if not self._reach.watchful and (
-            self._stepper.stirred or self._restless or self._stepper.steps % 8 == 0
+            self._stepper.stirred or self._restless or self._stepper.steps % GLIDE == 0
         ):
             self._stepper.stirred = False
-            self._reach.look(self._ahead(end, h), h * 8, self._gravity, h)
+            self._reach.look(self._ahead(end, h), h * GLIDE, self._gravity, h)
         if self._reach.watchful:
             parts = max(parts, self._reach.parts(self._ahead(end, h), h))
         if self._loads.steers:
             pace = self._loads.pace(*self._stepper.everybody(self._stepper.state()))
             parts = max(parts, min(MOST_PARTS, ceil(pace * h / PHASE)))
+        if parts == 1 and not self._reach.watchful and not self._restless and self._glide(last):
+            return
+        self._number += 1
         if parts > 1:
             self._divided += 1
             self._most_parts = max(self._most_parts, parts)
         for part in range(parts):
             self._part(begin + h * part / parts, h / parts)
+
+    def _glide(self, last: int) -> bool:
+        """Steps, up to the last, in which nothing happens; whether there were any."""
+        most = min(GLIDE - self._stepper.steps % GLIDE, last - self._number)
+        most = min(most, self._ledger.room(self._stepper.contact_bytes))
+        ends, spans = list[float](), list[float]()
+        for number in range(self._number, self._number + most):
+            begin = number * self._base
+            h = (number + 1) * self._base - begin
+            if abs(h - self._h) > 1e-9 * h or self._kicks.due(begin + h):
+                break
+            ends.append(begin + h)
+            spans.append(h)
+        steps = self._stepper.glide(ends, spans) if spans else []
+        for step in steps:
+            self._record(step, spans[0])
+        self._number += len(steps)
+        return bool(steps)
 
     def _ahead(self, end: float, h: float) -> Array:
         """The state (M, 6), scripted bodies with the fastest of this step and the next."""
@@ -270,6 +293,9 @@ class Running:
         step = self._stepper.take(end, h, state, kicks)
         if step.impacts:
             self._governor.note(sum(len(impact.first) for impact in step.impacts))
+        self._record(step, h)
+
+    def _record(self, step: Step, h: float) -> None:
         if self._tape is not None:
             self._tape.add(step)
         if self._ledger.add(step):
@@ -321,6 +347,8 @@ class Stepper:
         self._cornered = any(b.radius is None for b in bodies)
         self._words, self._places, self._states = b"", contact_places(b""), b""
         self._calm = True
+        self._begun: tuple[Forces | None, tuple[bytes, bytes, bytes]] | None = None
+        """Forces and outcome of the next step, where it was taken already."""
         self._speeds = np.zeros((len(space.moving), 3)), np.zeros((len(space.moving), 3))
         """(M, 3): velocities after the last step, and within it."""
         self.suspicious = self.stirred = True
@@ -352,6 +380,52 @@ class Stepper:
         weight = 1 / self._inverse[self._dynamic]
         return allowed, float((weight * (velocity**2 - allowed**2)[self._dynamic]).sum() / 2)
 
+    @property
+    def contact_bytes(self) -> int:
+        """Of the last step's contacts."""
+        return len(self._words) // CONTACT_BYTES * 8 * NUMBERS
+
+    def glide(self, ends: Sequence[float], spans: Sequence[float]) -> list[Step]:
+        """Steps as `take` takes them, as many as nothing happens in; what ends them is kept for the next."""
+        quiet = not (self.suspicious or self._begun or self._joined.busy)
+        quiet &= self._calm or not self._governor.crowded
+        if not quiet or not self._lasting.glides(bool(self._words)):
+            return []
+        self._space.iterations = self._governor.sweeps
+        self._space.brake(self._lasting.torques)
+        state = self.state()
+        loads = self._lasting.ahead(state, spans)
+        pushed = None
+        if loads is not None:
+            spans = spans[: len(loads)]
+            pushed = np.array([load.total[self._space.moving] for load in loads])
+        braking = self._lasting.braking
+        glide = self._space.glide(spans, pushed, braking, self._places if self._cornered else None)
+        S = len(glide.states)
+        if glide.begun is not None:
+            self._begun = None if loads is None else loads[S], glide.begun
+        if loads is not None:
+            self._lasting.spend(S + (glide.begun is not None))
+        if not S:
+            return []
+        self.steps += S
+        self._calm = True
+        after = glide.states[:, :, 3:]
+        within = np.concatenate([state[None, :, 3:], after[:-1]])
+        settled = [NOTHING] * S
+        if self._lasting.accounts:
+            mean, h = (within + after) / 2, np.array(spans[:S])
+            settled = self._lasting.settle_many(loads, mean, glide.braked, glide.torques, h)
+        self._speeds = after[-1], within[-1]
+        states = [rows.tobytes() for rows in glide.states]
+        self._states = states[-1]
+        if self._cornered:
+            self._places = contact_places(glide.numbers[-1])
+        return [
+            Step(end, moved, self._words, numbers, None, None, [], flow, [])
+            for end, moved, numbers, flow in zip(ends, states, glide.numbers, settled, strict=False)
+        ]
+
     def take(
         self, end: float, h: float, state: Array | None, kicks: list[EnergyEvent], first: bool = False
     ) -> Step:
@@ -368,13 +442,16 @@ class Stepper:
         self._space.iterations = 1 if probing else self._governor.sweeps
         for attempt in range(ATTEMPTS):
             load: Forces | None = None
-            if self._lasting.pushes:
-                placed = self.state() if state is None else state
-                alone = state is None and not self._words and not self._joined.busy
-                load = self._lasting.push(placed, end, h, first=first, alone=alone)
-                self._space.push(load.total if len(load.total) == M else load.total[self._space.moving])
-            self._space.brake(self._lasting.torques)
-            states, words, numbers = self._space.step(h)
+            if self._begun is not None:
+                (load, (states, words, numbers)), self._begun = self._begun, None
+            else:
+                if self._lasting.pushes:
+                    placed = self.state() if state is None else state
+                    alone = state is None and not self._words and not self._joined.busy
+                    load = self._lasting.push(placed, end, h, first=first, alone=alone)
+                    self._space.push(load.total if len(load.total) == M else load.total[self._space.moving])
+                self._space.brake(self._lasting.torques)
+                states, words, numbers = self._space.step(h)
             impact = None
             places = contact_places(numbers) if self._cornered else self._places
             leap = self._cornered and contacts_jumped(places, self._places)

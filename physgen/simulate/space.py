@@ -5,7 +5,8 @@ No other module uses pymunk. Shapes have no elasticity: bounces are computed in 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from enum import Flag
 from itertools import pairwise
 from typing import Any
@@ -19,7 +20,15 @@ from pymunk.batch import ArbiterFields, BodyFields
 
 from physgen.compile.world import Body, Joint, Wall, World
 from physgen.scene.scene import JointKind, Motion
-from physgen.simulate.contacts import NUMBERS, WORDS, Array
+from physgen.simulate.contacts import (
+    CONTACT_BYTES,
+    NUMBERS,
+    WORDS,
+    Array,
+    contact_places,
+    contacts_jumped,
+    normal_impulse,
+)
 from physgen.simulate.friction import Pair
 
 Index = NDArray[np.int64]
@@ -30,6 +39,9 @@ SEAM = 0.5
 """px between the ends of two walls that make one smooth line."""
 STRAIGHT = 0.999
 """Cosine of the angle up to which two walls that meet make one smooth line."""
+
+GLIDE = 8
+"""Steps that are taken in one go at most."""
 
 Order = tuple[Index, list[tuple[int, int]], Index, bytes]
 """(K,) the order of contacts by pairs and counts, runs that are alike in both, all of each run but its first, and the
@@ -53,6 +65,22 @@ _CONTACT = (
 )
 
 
+@dataclass(frozen=True)
+class Glide:
+    """S steps in a row with the same contacts."""
+
+    states: Array
+    """(S, M, 6)."""
+    numbers: list[bytes]
+    """Of the contacts of each step."""
+    braked: Array
+    """(S, B) g·px²/s: sizes of the angular impulses that the brakes in use gave."""
+    torques: dict[Pair, float]
+    """Of those B brakes, after the last step."""
+    begun: tuple[bytes, bytes, bytes] | None
+    """What `Space.step` would have given for the step after them, in which contacts are others."""
+
+
 class Space:
     """One space in motion; states are (M, 6): x, y, angle, vx, vy, spin of the bodies that are not static."""
 
@@ -69,9 +97,7 @@ class Space:
         self._anchor = pymunk.Body(body_type=pymunk.Body.STATIC)
         space.add(self._anchor)
         _add_joints(space, world.joints, bodies, self._anchor)
-        ids = np.array([body.id for body in (*bodies, *walls)], np.uint64)
-        self._by_id = np.argsort(ids)
-        self._ids = ids[self._by_id]
+        self._by_id = {body.id: number for number, body in enumerate((*bodies, *walls))}
         self.moving = np.flatnonzero([body.motion is not Motion.STATIC for body in world.bodies])
         """(M,): bodies that the state lists, in order."""
         M = len(self.moving)
@@ -82,7 +108,7 @@ class Space:
         still = [b.center for b in world.bodies if b.motion is Motion.STATIC] + [np.zeros(2)] * (
             len(walls) + 1
         )
-        self._placing, self._pushing = np.zeros((M + len(still), 6)), np.zeros((M + len(still), 3))
+        self._placing, self._pushing = np.zeros((M + len(still), 6)), np.zeros((GLIDE, M + len(still), 3))
         self._placing[M:, :2] = np.array(still).reshape(-1, 2)
         self._place_buffer, self._push_buffer = batch.Buffer(), batch.Buffer()
         if M:
@@ -93,7 +119,9 @@ class Space:
         self._write_loads = _batched(space, writer, _LOAD, self._push_buffer)
         self._brakes: dict[Pair, tuple[pymunk.SimpleMotor, Any]] = {}
         self._sweeps = int(space.iterations)
-        self._orders: dict[bytes, Order] = {}
+        self._listed = b""
+        """Contacts of the last step, as pymunk lists them."""
+        self._orders: dict[bytes, Order] = {b"": (np.zeros(0, np.int64), [], np.zeros(0, np.int64), b"")}
         """By contacts as pymunk lists them: few lists come again and again."""
 
     @property
@@ -114,14 +142,87 @@ class Space:
         states.num = words.num = numbers.num = 0
         lib.cpSpaceEachBody(*self._read_states)
         lib.cpSpaceEachCachedArbiter(*self._read_contacts)
-        moved: bytes = ffi.buffer(states.arr, 48 * len(self.moving))[:]
-        if not words.num:
-            return moved, b"", b""
-        return (
-            moved,
-            *self._in_order(
-                ffi.buffer(words.arr, 8 * words.num)[:], ffi.buffer(numbers.arr, 8 * numbers.num)[:]
-            ),
+        return self._read(0, 0)
+
+    def _read(self, steps: int, contacts: int) -> tuple[bytes, bytes, bytes]:
+        """States, contact words and numbers that were listed last, after those of some steps and contacts."""
+        states, words, numbers = self._states._float_arr, self._contacts._int_arr, self._contacts._float_arr
+        moved: bytes = ffi.buffer(states.arr + steps * self._placing.size, 48 * len(self.moving))[:]
+        fresh = words.num // WORDS - contacts
+        self._listed = ffi.buffer(words.arr + WORDS * contacts, CONTACT_BYTES * fresh)[:] if fresh else b""
+        found = ffi.buffer(numbers.arr + NUMBERS * contacts, 8 * NUMBERS * fresh)[:] if fresh else b""
+        return moved, *self._in_order(self._listed, found)
+
+    def glide(
+        self,
+        spans: Sequence[float],
+        loads: Array | None,
+        braking: Sequence[tuple[Pair, float, list[int]]],
+        places: Array | None,
+    ) -> Glide:
+        """Steps of so many seconds each, until contacts are not those of the step before, or elsewhere at once.
+
+        loads (S, M, 3): forces and torques in each; braking: brakes, levers and contacts by which their torques follow
+        the normal forces of the step before; places (K, 9): where the contacts were; None where none can leap.
+        """
+        states, words, numbers = self._states._float_arr, self._contacts._int_arr, self._contacts._float_arr
+        states.num = words.num = numbers.num = 0
+        if loads is not None:
+            self._pushing[: len(loads), : len(self.moving)] = loads
+            self._push_buffer._float_arr.num = 0
+        listed = self._listed
+        K = len(listed) // CONTACT_BYTES
+        order, _, later, _ = self._orders[listed]
+        mixed = len(order) > 0 and not len(later)  # the rows are brought in order once, at the end
+        used = {key for key, _, _ in braking}
+        gauges = {key: (motor, list[Any]()) for key, (_, motor) in self._brakes.items() if key in used}
+        for key, lever, rows in braking:
+            gauges[key][1].append((lever, order[rows].tolist() if mixed else rows))
+        if mixed and places is not None:
+            sorted_places, places = places, np.empty_like(places)
+            places[order] = sorted_places
+        done, chunks, braked, torques, begun = 0, list[bytes](), list[float](), list[float](), None
+        for h in spans:
+            if loads is not None:
+                lib.cpSpaceEachBody(*self._write_loads)
+            lib.cpSpaceStep(self._read_states[0], h)
+            lib.cpSpaceEachBody(*self._read_states)
+            lib.cpSpaceEachCachedArbiter(*self._read_contacts)
+            alike = words.num == WORDS * K * (done + 1)
+            if alike and K:
+                alike = ffi.buffer(words.arr + WORDS * K * done, CONTACT_BYTES * K)[:] == listed
+                chunk: bytes = ffi.buffer(numbers.arr + NUMBERS * K * done, 8 * NUMBERS * K)[:]
+                if alike and not mixed:
+                    chunk = self._in_order(listed, chunk)[1]
+                if alike and places is not None:
+                    before, places = places, contact_places(chunk)
+                    alike = not contacts_jumped(places, before)
+            if not alike:
+                begun = self._read(done, K * done)
+                break
+            done += 1
+            if K:
+                chunks.append(chunk)
+            torques.clear()
+            for motor, parts in gauges.values():
+                torque = 0.0
+                for lever, rows in parts:
+                    for normal in sorted([normal_impulse(chunk, k) for k in rows]):
+                        torque += lever * normal / h
+                lib.cpConstraintSetMaxForce(motor, torque)
+                braked.append(lib.cpConstraintGetImpulse(motor))
+                torques.append(torque)
+        if mixed and done:
+            ordered = np.frombuffer(b"".join(chunks)).reshape(done, K, NUMBERS).take(order, axis=1)
+            chunks = [rows.tobytes() for rows in ordered]
+        size, M = self._placing.size, len(self.moving)
+        moved = np.frombuffer(ffi.buffer(states.arr, 8 * size * done)[:] if done else b"")
+        return Glide(
+            moved.reshape(done, len(self._placing), 6)[:, :M],
+            chunks or [b""] * done,
+            np.array(braked).reshape(done, len(gauges)),
+            dict(zip(gauges, torques, strict=bool(done))),
+            begun,
         )
 
     def _in_order(self, listed: bytes, numbers: bytes) -> tuple[bytes, bytes]:
@@ -147,19 +248,20 @@ class Space:
 
     def _order(self, listed: bytes) -> Order:
         """Contacts as pymunk lists them: their order by our numbers of bodies, runs of one pair in it, and words."""
-        words = np.frombuffer(listed, np.int64).reshape(-1, WORDS).copy()
-        words[:, :2] = self._by_id[np.searchsorted(self._ids, words[:, :2].view(np.uint64))]
-        key = (words[:, 0] << 32 | words[:, 1]) << 2 | words[:, 2]
-        order = np.argsort(key, kind="stable")
+        ids = np.frombuffer(listed, np.uint64).reshape(-1, WORDS).tolist()
+        words = [(self._by_id[a], self._by_id[b], count) for a, b, count in ids]
+        order = sorted(range(len(words)), key=words.__getitem__)
         # several pieces or segments, of which some touch at one and the same corner
-        ranked, alike = key[order], list[tuple[int, int]]()
-        later = np.flatnonzero(ranked[1:] == ranked[:-1]) + 1
-        for k in later.tolist():
-            start = alike.pop()[0] if alike and alike[-1][1] == k else k - 1
-            alike.append((start, k + 1))
-        if not alike and (order[1:] > order[:-1]).all():
-            return later, alike, later, words.tobytes()
-        return order, alike, later, words[order].tobytes()
+        alike, later = list[tuple[int, int]](), list[int]()
+        for k in range(1, len(order)):
+            if words[order[k]] == words[order[k - 1]]:
+                start = alike.pop()[0] if alike and alike[-1][1] == k else k - 1
+                alike.append((start, k + 1))
+                later.append(k)
+        ordered = np.array([words[k] for k in order], np.int64).tobytes()
+        if not alike and order == list(range(len(order))):
+            order = []
+        return np.array(order, np.int64), alike, np.array(later, np.int64), ordered
 
     def weaken(self, part: float) -> None:
         """Let gravity act with a part of its strength."""
@@ -174,7 +276,7 @@ class Space:
 
     def push(self, load: Array) -> None:
         """Forces and torques for the next step, (M, 3): g·px/s², g·px/s², g·px²/s²."""
-        self._pushing[: len(load)] = load
+        self._pushing[0, : len(load)] = load
         if len(load):
             self._push_buffer._float_arr.num = 0
             lib.cpSpaceEachBody(*self._write_loads)

@@ -23,7 +23,7 @@ def test_pieces_of_a_run_are_the_run(name: str) -> None:
     running, random, rounds = Running(world), np.random.default_rng(5), 0
     early: list[np.ndarray] = []
     while running.done < len(whole.times):
-        left = int(random.integers(1, 60))
+        left = int(random.integers(1, 20))
 
         def enough() -> bool:
             nonlocal left
