@@ -45,10 +45,10 @@ class Touching:
     """(K, 2) px of overlap."""
 
 
-def touching(words: bytes, numbers: bytes | None) -> Touching:
-    """Contacts of one or more steps, in their order; without numbers, only the partners and counts."""
+def touching(words: bytes, numbers: bytes) -> Touching:
+    """Contacts of one or more steps, in their order."""
     ints = np.frombuffer(words, np.int64).reshape(-1, WORDS)
-    rows = np.zeros((len(ints), NUMBERS)) if numbers is None else np.frombuffer(numbers).reshape(-1, NUMBERS)
+    rows = np.frombuffer(numbers).reshape(-1, NUMBERS)
     return Touching(
         first=ints[:, 0],
         second=ints[:, 1],
@@ -63,12 +63,15 @@ def touching(words: bytes, numbers: bytes | None) -> Touching:
 
 @lru_cache(maxsize=256)
 def new_contacts(words: bytes, before: bytes) -> Sequence[int]:
-    """Rows of contacts whose partners and count of points are not among those before."""
-    now, then = (np.frombuffer(listed, np.int64).reshape(-1, WORDS) for listed in (words, before))
-    key, known = ((ints[:, 0] << 32 | ints[:, 1]) << 2 | ints[:, 2] for ints in (now, then))
-    known = np.append(known, -1)  # both rise: contacts are in the order of their partners and counts
-    found: list[int] = np.flatnonzero(known[np.searchsorted(known[:-1], key)] != key).tolist()
-    return found
+    """Rows of contacts whose partners, in whichever order, and count of points are not among those before."""
+    known = set(_pairs(before))
+    return [k for k, pair in enumerate(_pairs(words)) if pair not in known]
+
+
+def _pairs(words: bytes) -> list[int]:
+    first, second, count = np.frombuffer(words, np.int64).reshape(-1, WORDS).T
+    pairs: list[int] = ((np.minimum(first, second) << 32 | np.maximum(first, second)) << 2 | count).tolist()
+    return pairs
 
 
 def any_closes(

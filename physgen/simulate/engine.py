@@ -24,9 +24,9 @@ from physgen.simulate.collisions import Impacts, ImpactSolver, StepMotion, WorkB
 from physgen.simulate.contacts import (
     CONTACT_BYTES,
     NUMBERS,
+    WORDS,
     Array,
     ContactProperties,
-    Touching,
     any_closes,
     contact_places,
     contact_points,
@@ -535,22 +535,16 @@ class Stepper:
         points = contact_points(touch, wide, fast)
         if not (points.closing > threshold).any():
             return None
-        objects = len(wide)
-        was = touch if first else touching(self._words, None)
-        touched = np.isin(_pairs(touch, objects), _pairs(was, objects))
+        were = words if first else self._words
+        touched = np.ones(len(touch.first), bool)
+        touched[[*new_contacts(words, were)]] = False
         points = replace(points, closing=np.where((new is None) | ~touched[points.row], points.closing, 0.0))
         if not (points.closing > threshold).any():
             return None
-        drift = np.zeros((objects, 2))
+        drift = np.zeros((len(wide), 2))
         drift[: len(self._dynamic)] = self._lasting.drift(load)
-        drift[was.first] = drift[was.second] = 0.0
+        drift[np.frombuffer(were, np.int64).reshape(-1, WORDS)[:, :2]] = 0.0
         drift[self._held] = 0.0
         motion = StepMotion(wide, fast, drift)
         solver = ImpactSolver(self._properties, self._joined, motion, points, touched, h, threshold)
         return solver.run(self.budget)
-
-
-def _pairs(touch: Touching, objects: int) -> Index:
-    """(K,): one number for the partners, in whichever order, and the count of points of each contact."""
-    low, high = np.minimum(touch.first, touch.second), np.maximum(touch.first, touch.second)
-    return (low * objects + high) * 4 + touch.count
