@@ -362,6 +362,8 @@ class Stepper:
 
     def everybody(self, state: Array) -> tuple[Array, Array]:
         """Poses and velocities (N, 3) of all bodies where the state (M, 6) is that of those that move."""
+        if len(state) == len(self._center):
+            return state[:, :3].copy(), state[:, 3:].copy()
         pose, velocity = self._center.copy(), np.zeros_like(self._center)
         pose[self._space.moving], velocity[self._space.moving] = state[:, :3], state[:, 3:]
         return pose, velocity
@@ -387,9 +389,9 @@ class Stepper:
 
     def glide(self, ends: Sequence[float], spans: Sequence[float]) -> list[Step]:
         """Steps as `take` takes them, as many as nothing happens in; what ends them is kept for the next."""
-        quiet = not (self.suspicious or self._begun or self._joined.busy)
+        quiet = not (self.suspicious or self._begun)
         quiet &= self._calm or not self._governor.crowded
-        if not quiet or not self._lasting.glides(bool(self._words)):
+        if not quiet or not self._lasting.glides(bool(self._words) or self._joined.busy):
             return []
         self._space.iterations = self._governor.sweeps
         self._space.brake(self._lasting.torques)
@@ -399,8 +401,13 @@ class Stepper:
         if loads is not None:
             spans = spans[: len(loads)]
             pushed = np.array([load.total[self._space.moving] for load in loads])
-        braking = self._lasting.braking
-        glide = self._space.glide(spans, pushed, braking, self._places if self._cornered else None)
+        places, driven = self._places if self._cornered else None, list[float]()
+
+        def hold(state: Array, h: float) -> None:
+            driven.append(self._hold(state, h, 1.0))
+
+        braking, busy = self._lasting.braking, self._joined.busy
+        glide = self._space.glide(spans, pushed, braking, places, hold if busy else None)
         S = len(glide.states)
         if glide.begun is not None:
             self._begun = None if loads is None else loads[S], glide.begun
@@ -416,6 +423,8 @@ class Stepper:
         if self._lasting.accounts:
             mean, h = (within + after) / 2, np.array(spans[:S])
             settled = self._lasting.settle_many(loads, mean, glide.braked, glide.torques, h)
+        if any(driven):
+            settled = [replace(s, work=s.work + work) for s, work in zip(settled, driven, strict=True)]
         self._speeds = after[-1], within[-1]
         states = [rows.tobytes() for rows in glide.states]
         self._states = states[-1]
@@ -489,9 +498,7 @@ class Stepper:
                 # the first try pushed overlaps apart that the impacts have undone
                 exact[:, :3] = state[:, :3] + state[:, 3:] * h
             if self._joined.busy:
-                strength = 0.5 if first else 1.0  # of motors
-                held, driven = self._joined.hold(*self.everybody(exact), self._inverse, h, strength)
-                exact[:, 3:] = held[self._space.moving]
+                driven = self._hold(exact, h, 0.5 if first else 1.0)
             self._space.place(exact)
             states = exact.tobytes()
         self.stirred |= not self._calm
@@ -508,6 +515,12 @@ class Stepper:
             settled = replace(settled, work=settled.work + driven)
         self._states = states
         return Step(end, states, words, numbers, before, original, impacts, settled, kicks)
+
+    def _hold(self, state: Array, h: float, strength: float) -> float:
+        """Give the state (M, 6) the velocities that joints allow; the work of the motors, at part of their strength."""
+        held, driven = self._joined.hold(*self.everybody(state), self._inverse, h, strength)
+        state[:, 3:] = held[self._space.moving]
+        return driven
 
     def _strike(
         self,

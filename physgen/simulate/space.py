@@ -5,7 +5,7 @@ No other module uses pymunk. Shapes have no elasticity: bounces are computed in 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Flag
 from itertools import pairwise
@@ -159,19 +159,21 @@ class Space:
         loads: Array | None,
         braking: Sequence[tuple[Pair, float, list[int]]],
         places: Array | None,
+        hold: Callable[[Array, float], None] | None,
     ) -> Glide:
         """Steps of so many seconds each, until contacts are not those of the step before, or elsewhere at once.
 
         loads (S, M, 3): forces and torques in each; braking: brakes, levers and contacts by which their torques follow
-        the normal forces of the step before; places (K, 9): where the contacts were; None where none can leap.
+        the normal forces of the step before; places (K, 9): where the contacts were; None where none can leap;
+        hold: changes the state (M, 6) after each step, of so many seconds.
         """
         states, words, numbers = self._states._float_arr, self._contacts._int_arr, self._contacts._float_arr
         states.num = words.num = numbers.num = 0
         if loads is not None:
-            self._pushing[: len(loads), : len(self.moving)] = loads
+            self._pushing[: len(loads), : loads.shape[1]] = loads
             self._push_buffer._float_arr.num = 0
         listed = self._listed
-        K = len(listed) // CONTACT_BYTES
+        K, M, held = len(listed) // CONTACT_BYTES, len(self.moving), list[Array]()
         order, _, later, _ = self._orders[listed]
         mixed = len(order) > 0 and not len(later)  # the rows are brought in order once, at the end
         used = {key for key, _, _ in braking}
@@ -200,6 +202,12 @@ class Space:
             if not alike:
                 begun = self._read(done, K * done)
                 break
+            if hold is not None:
+                bare = ffi.buffer(states.arr + self._placing.size * done, 48 * M)
+                state = np.frombuffer(bare[:]).reshape(M, 6).copy()
+                hold(state, h)
+                self.place(state)
+                held.append(state)
             done += 1
             if K:
                 chunks.append(chunk)
@@ -215,10 +223,10 @@ class Space:
         if mixed and done:
             ordered = np.frombuffer(b"".join(chunks)).reshape(done, K, NUMBERS).take(order, axis=1)
             chunks = [rows.tobytes() for rows in ordered]
-        size, M = self._placing.size, len(self.moving)
-        moved = np.frombuffer(ffi.buffer(states.arr, 8 * size * done)[:] if done else b"")
+        listed_states = ffi.buffer(states.arr, 8 * self._placing.size * done)[:] if done else b""
+        moved = np.frombuffer(listed_states).reshape(done, len(self._placing), 6)[:, :M]
         return Glide(
-            moved.reshape(done, len(self._placing), 6)[:, :M],
+            np.array(held) if held else moved,
             chunks or [b""] * done,
             np.array(braked).reshape(done, len(gauges)),
             dict(zip(gauges, torques, strict=bool(done))),
