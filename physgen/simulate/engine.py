@@ -401,13 +401,13 @@ class Stepper:
         if loads is not None:
             spans = spans[: len(loads)]
             pushed = np.array([load.total[self._space.moving] for load in loads])
-        places, driven = self._places if self._cornered else None, list[float]()
+        driven = list[float]()
 
         def hold(state: Array, h: float) -> None:
             driven.append(self._hold(state, h, 1.0))
 
         braking, busy = self._lasting.braking, self._joined.busy
-        glide = self._space.glide(spans, pushed, braking, places, hold if busy else None)
+        glide = self._space.glide(spans, pushed, braking, self._cornered, hold if busy else None)
         S = len(glide.states)
         if glide.begun is not None:
             self._begun = None if loads is None else loads[S], glide.begun

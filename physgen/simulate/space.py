@@ -22,11 +22,10 @@ from physgen.compile.world import Body, Joint, Wall, World
 from physgen.scene.scene import JointKind, Motion
 from physgen.simulate.contacts import (
     CONTACT_BYTES,
+    LEAP,
     NUMBERS,
     WORDS,
     Array,
-    contact_places,
-    contacts_jumped,
     normal_impulse,
 )
 from physgen.simulate.friction import Pair
@@ -43,9 +42,8 @@ STRAIGHT = 0.999
 GLIDE = 8
 """Steps that are taken in one go at most."""
 
-Order = tuple[Index, list[tuple[int, int]], Index, bytes]
-"""(K,) the order of contacts by pairs and counts, runs that are alike in both, all of each run but its first, and the
-words in that order; an order that changes nothing is empty."""
+_CORNERS = np.repeat([0.0, 1.0, 0.0], [4, 9, 1])
+"""Which numbers of a contact are places."""
 _PLACE = [4, 5, 9, 10, 0, 1, 2, 3]
 """Numbers of a contact by which those of one pair are sorted: points on both bodies, impulse, normal."""
 _STATE = BodyFields.POSITION | BodyFields.ANGLE | BodyFields.VELOCITY | BodyFields.ANGULAR_VELOCITY
@@ -63,6 +61,45 @@ _CONTACT = (
     | ArbiterFields.POINT_B_2
     | ArbiterFields.DISTANCE_2
 )
+
+
+class Order:
+    """The order, by our numbers of bodies and counts of points, of contacts that pymunk lists in one way."""
+
+    def __init__(self, pairs: list[tuple[int, int, int]]) -> None:
+        """Both partners and the count of points of each contact as it is listed."""
+        rows = sorted(range(len(pairs)), key=pairs.__getitem__)
+        self.words = np.array([pairs[k] for k in rows], np.int64).tobytes()
+        # several pieces or segments, of which some touch at one and the same corner
+        self._alike = [k for k in range(1, len(rows)) if pairs[rows[k]] == pairs[rows[k - 1]]]
+        self._pairs = pairs
+        self.corners = np.tile(_CORNERS, len(rows))
+        """(14 K,): 1 for the numbers of a contact that are places."""
+        self._set(rows)
+
+    def _set(self, rows: list[int]) -> None:
+        self.rows = np.array(rows, np.int64)
+        """(K,): contacts in order."""
+        self.mixed = rows != sorted(rows)
+        """Whether that is not the order in which they are listed."""
+        here, there = (self.rows[[k - part for k in self._alike]] for part in (1, 0))
+        self._places = (NUMBERS * np.concatenate([here, there])[:, None] + _PLACE).ravel()
+
+    def holds(self, numbers: Array) -> bool:
+        """Whether contacts of the same pairs still follow each other by place; numbers (14 K,) as listed."""
+        if not self._alike:
+            return True
+        places = numbers.take(self._places).tolist()
+        half, width = len(places) // 2, len(_PLACE)
+        return all(places[k : k + width] <= places[half + k : half + k + width] for k in range(0, half, width))
+
+    def sort(self, numbers: bytes) -> bytes:
+        """The numbers in order, which is changed where contacts of the same pairs have changed places."""
+        flat = np.frombuffer(numbers)
+        if not self.holds(flat):
+            places = flat.reshape(-1, NUMBERS)[:, _PLACE].tolist()
+            self._set(sorted(self.rows.tolist(), key=lambda k: (self._pairs[k], places[k])))
+        return flat.reshape(-1, NUMBERS).take(self.rows, axis=0).tobytes() if self.mixed else numbers
 
 
 @dataclass(frozen=True)
@@ -119,9 +156,9 @@ class Space:
         self._write_loads = _batched(space, writer, _LOAD, self._push_buffer)
         self._brakes: dict[Pair, tuple[pymunk.SimpleMotor, Any]] = {}
         self._sweeps = int(space.iterations)
-        self._listed = b""
+        self._listed = self._numbers = b""
         """Contacts of the last step, as pymunk lists them."""
-        self._orders: dict[bytes, Order] = {b"": (np.zeros(0, np.int64), [], np.zeros(0, np.int64), b"")}
+        self._orders = {b"": Order([])}
         """By contacts as pymunk lists them: few lists come again and again."""
 
     @property
@@ -150,55 +187,65 @@ class Space:
         moved: bytes = ffi.buffer(states.arr + steps * self._placing.size, 48 * len(self.moving))[:]
         fresh = words.num // WORDS - contacts
         self._listed = ffi.buffer(words.arr + WORDS * contacts, CONTACT_BYTES * fresh)[:] if fresh else b""
-        found = ffi.buffer(numbers.arr + NUMBERS * contacts, 8 * NUMBERS * fresh)[:] if fresh else b""
-        return moved, *self._in_order(self._listed, found)
+        self._numbers = ffi.buffer(numbers.arr + NUMBERS * contacts, 8 * NUMBERS * fresh)[:] if fresh else b""
+        order = self._order()
+        return moved, order.words, order.sort(self._numbers)
+
+    def _order(self) -> Order:
+        """Of the last step's contacts; pymunk's ids and order are those of memory addresses."""
+        if self._listed not in self._orders:
+            if len(self._orders) >= 1000:
+                self._orders.clear()
+            ids = np.frombuffer(self._listed, np.uint64).reshape(-1, WORDS).tolist()
+            pairs = [(self._by_id[a], self._by_id[b], count) for a, b, count in ids]
+            self._orders[self._listed] = Order(pairs)
+        return self._orders[self._listed]
 
     def glide(
         self,
         spans: Sequence[float],
         loads: Array | None,
         braking: Sequence[tuple[Pair, float, list[int]]],
-        places: Array | None,
+        cornered: bool,
         hold: Callable[[Array, float], None] | None,
     ) -> Glide:
         """Steps of so many seconds each, until contacts are not those of the step before, or elsewhere at once.
 
         loads (S, M, 3): forces and torques in each; braking: brakes, levers and contacts by which their torques follow
-        the normal forces of the step before; places (K, 9): where the contacts were; None where none can leap;
-        hold: changes the state (M, 6) after each step, of so many seconds.
+        the normal forces of the step before; cornered: whether contacts can leap; hold: changes the state (M, 6) after
+        each step, of so many seconds.
         """
+        step, each, arbiters = lib.cpSpaceStep, lib.cpSpaceEachBody, lib.cpSpaceEachCachedArbiter
         states, words, numbers = self._states._float_arr, self._contacts._int_arr, self._contacts._float_arr
         states.num = words.num = numbers.num = 0
         if loads is not None:
             self._pushing[: len(loads), : loads.shape[1]] = loads
             self._push_buffer._float_arr.num = 0
-        listed = self._listed
+        listed, order = self._listed, self._order()
         K, M, held = len(listed) // CONTACT_BYTES, len(self.moving), list[Array]()
-        order, _, later, _ = self._orders[listed]
-        mixed = len(order) > 0 and not len(later)  # the rows are brought in order once, at the end
         used = {key for key, _, _ in braking}
         gauges = {key: (motor, list[Any]()) for key, (_, motor) in self._brakes.items() if key in used}
         for key, lever, rows in braking:
-            gauges[key][1].append((lever, order[rows].tolist() if mixed else rows))
-        if mixed and places is not None:
-            sorted_places, places = places, np.empty_like(places)
-            places[order] = sorted_places
+            gauges[key][1].append((lever, order.rows[rows].tolist()))
         done, chunks, braked, torques, begun = 0, list[bytes](), list[float](), list[float](), None
+        before, chunk = np.frombuffer(self._numbers), b""
         for h in spans:
             if loads is not None:
-                lib.cpSpaceEachBody(*self._write_loads)
-            lib.cpSpaceStep(self._read_states[0], h)
-            lib.cpSpaceEachBody(*self._read_states)
-            lib.cpSpaceEachCachedArbiter(*self._read_contacts)
+                each(*self._write_loads)
+            step(self._read_states[0], h)
+            each(*self._read_states)
+            arbiters(*self._read_contacts)
             alike = words.num == WORDS * K * (done + 1)
             if alike and K:
                 alike = ffi.buffer(words.arr + WORDS * K * done, CONTACT_BYTES * K)[:] == listed
-                chunk: bytes = ffi.buffer(numbers.arr + NUMBERS * K * done, 8 * NUMBERS * K)[:]
-                if alike and not mixed:
-                    chunk = self._in_order(listed, chunk)[1]
-                if alike and places is not None:
-                    before, places = places, contact_places(chunk)
-                    alike = not contacts_jumped(places, before)
+                chunk = ffi.buffer(numbers.arr + NUMBERS * K * done, 8 * NUMBERS * K)[:]
+                now = np.frombuffer(chunk)
+                alike = alike and order.holds(now)
+                if alike and cornered:
+                    off = (now - before) * order.corners
+                    # most often nothing leaps, and one product tells
+                    alike = not (off.dot(off) > LEAP**2 and np.abs(off).max() > LEAP)
+                    before = now
             if not alike:
                 begun = self._read(done, K * done)
                 break
@@ -209,8 +256,7 @@ class Space:
                 self.place(state)
                 held.append(state)
             done += 1
-            if K:
-                chunks.append(chunk)
+            chunks.append(chunk)
             torques.clear()
             for motor, parts in gauges.values():
                 torque = 0.0
@@ -220,56 +266,20 @@ class Space:
                 lib.cpConstraintSetMaxForce(motor, torque)
                 braked.append(lib.cpConstraintGetImpulse(motor))
                 torques.append(torque)
-        if mixed and done:
-            ordered = np.frombuffer(b"".join(chunks)).reshape(done, K, NUMBERS).take(order, axis=1)
+        if begun is None:
+            self._numbers = chunk
+        if order.mixed:
+            ordered = np.frombuffer(b"".join(chunks)).reshape(done, K, NUMBERS).take(order.rows, axis=1)
             chunks = [rows.tobytes() for rows in ordered]
         listed_states = ffi.buffer(states.arr, 8 * self._placing.size * done)[:] if done else b""
         moved = np.frombuffer(listed_states).reshape(done, len(self._placing), 6)[:, :M]
         return Glide(
             np.array(held) if held else moved,
-            chunks or [b""] * done,
+            chunks,
             np.array(braked).reshape(done, len(gauges)),
             dict(zip(gauges, torques, strict=bool(done))),
             begun,
         )
-
-    def _in_order(self, listed: bytes, numbers: bytes) -> tuple[bytes, bytes]:
-        """Contacts by bodies and places; pymunk's ids and order are those of memory addresses."""
-        if listed not in self._orders:
-            if len(self._orders) >= 1000:
-                self._orders.clear()
-            self._orders[listed] = self._order(listed)
-        order, alike, later, words = self._orders[listed]
-        if not len(order):
-            return words, numbers
-        rows = np.frombuffer(numbers).reshape(-1, NUMBERS)
-        in_order = rows.take(order, axis=0)
-        if len(later):
-            # most lists come in the order of the last one; only places that tie need more than the first number
-            first = in_order[:, _PLACE[0]]
-            if (first.take(later) <= first.take(later - 1)).any():
-                places = rows[:, _PLACE].tolist()
-                for start, end in alike:
-                    order[start:end] = sorted(order[start:end].tolist(), key=places.__getitem__)
-                in_order = rows.take(order, axis=0)
-        return words, in_order.tobytes()
-
-    def _order(self, listed: bytes) -> Order:
-        """Contacts as pymunk lists them: their order by our numbers of bodies, runs of one pair in it, and words."""
-        ids = np.frombuffer(listed, np.uint64).reshape(-1, WORDS).tolist()
-        words = [(self._by_id[a], self._by_id[b], count) for a, b, count in ids]
-        order = sorted(range(len(words)), key=words.__getitem__)
-        # several pieces or segments, of which some touch at one and the same corner
-        alike, later = list[tuple[int, int]](), list[int]()
-        for k in range(1, len(order)):
-            if words[order[k]] == words[order[k - 1]]:
-                start = alike.pop()[0] if alike and alike[-1][1] == k else k - 1
-                alike.append((start, k + 1))
-                later.append(k)
-        ordered = np.array([words[k] for k in order], np.int64).tobytes()
-        if not alike and order == list(range(len(order))):
-            order = []
-        return np.array(order, np.int64), alike, np.array(later, np.int64), ordered
 
     def weaken(self, part: float) -> None:
         """Let gravity act with a part of its strength."""
