@@ -410,7 +410,8 @@ class ImpactSolver:
 
     def _drive(self, p: Point) -> tuple[float, float]:
         """px/s, along the normal and the surface, of the first's point less the second's, where they are scripted."""
-        leaves, slides = p.motion(
-            *([0.0] * 3 if self._free(body) else self._speeds(body) for body in (p.a, p.b))
-        )
+        sides = [[0.0] * 3 if self._free(body) else self._speeds(body) for body in (p.a, p.b)]
+        if not (any(sides[0]) or any(sides[1])):
+            return 0.0, 0.0
+        leaves, slides = p.motion(*sides)
         return -leaves, -slides

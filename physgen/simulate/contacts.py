@@ -21,7 +21,7 @@ WORDS, NUMBERS = 3, 14
 """Integers and floats of one contact."""
 CONTACT_BYTES = 8 * WORDS
 """Of the integers."""
-_WORDS, _NUMBERS, _NORMAL = Struct(f"={WORDS}q"), Struct(f"={NUMBERS}d"), Struct("=4d")
+_WORDS, _NUMBERS = Struct(f"={WORDS}q"), Struct(f"={NUMBERS}d")
 _ON_FIRST, _ON_SECOND, _DISTANCE = ([4, 5, 9, 10], [6, 7, 11, 12], [8, 13])
 
 
@@ -61,13 +61,14 @@ def touching(words: bytes, numbers: bytes) -> Touching:
     )
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=512)
 def new_contacts(words: bytes, before: bytes) -> Sequence[int]:
     """Rows of contacts whose partners, in whichever order, and count of points are not among those before."""
     known = set(_pairs(before))
     return [k for k, pair in enumerate(_pairs(words)) if pair not in known]
 
 
+@lru_cache(maxsize=512)
 def _pairs(words: bytes) -> list[int]:
     first, second, count = np.frombuffer(words, np.int64).reshape(-1, WORDS).T
     pairs: list[int] = ((np.minimum(first, second) << 32 | np.maximum(first, second)) << 2 | count).tolist()
@@ -93,10 +94,11 @@ def any_closes(
     return False
 
 
-def normal_impulse(numbers: bytes, k: int) -> float:
-    """g·px/s that pressed the partners of contact `k` apart."""
-    ix, iy, nx, ny = _NORMAL.unpack_from(numbers, k * _NUMBERS.size)
-    return abs(float(ix * nx + iy * ny))
+def normal_impulses(numbers: Array) -> list[float]:
+    """(K,) g·px/s that pressed the partners of each contact apart; numbers (14 K,)."""
+    ix, iy, nx, ny = (numbers[k::NUMBERS] for k in range(4))
+    pressed: list[float] = np.abs(ix * nx + iy * ny).tolist()
+    return pressed
 
 
 def contact_places(numbers: bytes) -> Array:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from physgen.compile.world import World
 from physgen.scene.scene import Motion, Solid
-from physgen.simulate.contacts import WORDS, Array, normal_impulse
+from physgen.simulate.contacts import WORDS, Array, normal_impulses
 
 Pair = tuple[int, int]
 """Two bodies; -1 for the world."""
@@ -50,8 +50,9 @@ class Resistance:
         self.torques = dict.fromkeys(self.torques, 0.0)
         if words != self._words:
             self._words, self.braking = words, self._brakes(words)
+        normals = normal_impulses(np.frombuffer(numbers))
         for key, lever, rows in self.braking:
-            for normal in sorted([normal_impulse(numbers, k) for k in rows]):
+            for normal in sorted([normals[k] for k in rows]):
                 self.torques[key] = self.torques.get(key, 0.0) + lever * normal / h
         return lost
 

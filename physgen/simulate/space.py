@@ -5,10 +5,12 @@ No other module uses pymunk. Shapes have no elasticity: bounces are computed in 
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Flag
-from itertools import pairwise
+from functools import cache
+from itertools import chain, pairwise
 from typing import Any
 
 import numpy as np
@@ -26,7 +28,7 @@ from physgen.simulate.contacts import (
     NUMBERS,
     WORDS,
     Array,
-    normal_impulse,
+    normal_impulses,
 )
 from physgen.simulate.friction import Pair
 
@@ -42,8 +44,6 @@ STRAIGHT = 0.999
 GLIDE = 8
 """Steps that are taken in one go at most."""
 
-_CORNERS = np.repeat([0.0, 1.0, 0.0], [4, 9, 1])
-"""Which numbers of a contact are places."""
 _PLACE = [4, 5, 9, 10, 0, 1, 2, 3]
 """Numbers of a contact by which those of one pair are sorted: points on both bodies, impulse, normal."""
 _STATE = BodyFields.POSITION | BodyFields.ANGLE | BodyFields.VELOCITY | BodyFields.ANGULAR_VELOCITY
@@ -69,12 +69,10 @@ class Order:
     def __init__(self, pairs: list[tuple[int, int, int]]) -> None:
         """Both partners and the count of points of each contact as it is listed."""
         rows = sorted(range(len(pairs)), key=pairs.__getitem__)
-        self.words = np.array([pairs[k] for k in rows], np.int64).tobytes()
+        self.words = array("q", chain.from_iterable(pairs[k] for k in rows)).tobytes()
         # several pieces or segments, of which some touch at one and the same corner
         self._alike = [k for k in range(1, len(rows)) if pairs[rows[k]] == pairs[rows[k - 1]]]
-        self._pairs = pairs
-        self.corners = np.tile(_CORNERS, len(rows))
-        """(14 K,): 1 for the numbers of a contact that are places."""
+        self._pairs, self.corners = pairs, _corners(len(rows))
         self._set(rows)
 
     def _set(self, rows: list[int]) -> None:
@@ -82,8 +80,9 @@ class Order:
         """(K,): contacts in order."""
         self.mixed = rows != sorted(rows)
         """Whether that is not the order in which they are listed."""
-        here, there = (self.rows[[k - part for k in self._alike]] for part in (1, 0))
-        self._places = (NUMBERS * np.concatenate([here, there])[:, None] + _PLACE).ravel()
+        if self._alike:
+            both = [rows[k - 1] for k in self._alike] + [rows[k] for k in self._alike]
+            self._places = (NUMBERS * np.array(both)[:, None] + _PLACE).ravel()
 
     def holds(self, numbers: Array) -> bool:
         """Whether contacts of the same pairs still follow each other by place; numbers (14 K,) as listed."""
@@ -100,6 +99,12 @@ class Order:
             places = flat.reshape(-1, NUMBERS)[:, _PLACE].tolist()
             self._set(sorted(self.rows.tolist(), key=lambda k: (self._pairs[k], places[k])))
         return flat.reshape(-1, NUMBERS).take(self.rows, axis=0).tobytes() if self.mixed else numbers
+
+
+@cache
+def _corners(count: int) -> Array:
+    """(14 K,): 1 for the numbers of K contacts that are places."""
+    return np.tile(np.repeat([0.0, 1.0, 0.0], [4, 9, 1]), count)
 
 
 @dataclass(frozen=True)
@@ -196,8 +201,9 @@ class Space:
         if self._listed not in self._orders:
             if len(self._orders) >= 1000:
                 self._orders.clear()
-            ids = np.frombuffer(self._listed, np.uint64).reshape(-1, WORDS).tolist()
-            pairs = [(self._by_id[a], self._by_id[b], count) for a, b, count in ids]
+            ids, number = memoryview(self._listed).cast("Q").tolist(), self._by_id
+            listed = zip(ids[::WORDS], ids[1::WORDS], ids[2::WORDS], strict=True)
+            pairs = [(number[a], number[b], count) for a, b, count in listed]
             self._orders[self._listed] = Order(pairs)
         return self._orders[self._listed]
 
@@ -258,10 +264,12 @@ class Space:
             done += 1
             chunks.append(chunk)
             torques.clear()
+            if gauges:
+                normals = normal_impulses(now)
             for motor, parts in gauges.values():
                 torque = 0.0
                 for lever, rows in parts:
-                    for normal in sorted([normal_impulse(chunk, k) for k in rows]):
+                    for normal in sorted([normals[k] for k in rows]) if len(rows) > 1 else [normals[rows[0]]]:
                         torque += lever * normal / h
                 lib.cpConstraintSetMaxForce(motor, torque)
                 braked.append(lib.cpConstraintGetImpulse(motor))
@@ -344,8 +352,8 @@ def _add_wall(space: pymunk.Space, wall: Wall, smooth: dict[tuple[float, ...], l
     """A body of its own, so that contacts know which wall they touch."""
     body = pymunk.Body(body_type=pymunk.Body.STATIC)
     space.add(body)
-    for chain in wall.chains:
-        for a, b in pairwise(chain.tolist()):
+    for line in wall.chains:
+        for a, b in pairwise(line.tolist()):
             segment = pymunk.Segment(body, a, b, 0.0)
             segment.friction = wall.surface.friction
             before, after = smooth.get((*a, *b)), smooth.get((*b, *a))
@@ -364,8 +372,8 @@ def _neighbours(walls: tuple[Wall, ...]) -> dict[tuple[float, ...], list[float]]
     ends = [
         (np.array(near), np.array(far))
         for wall in walls
-        for chain in wall.chains
-        for a, b in pairwise(chain.tolist())
+        for line in wall.chains
+        for a, b in pairwise(line.tolist())
         for near, far in ((a, b), (b, a))
     ]
     found: dict[tuple[float, ...], list[float]] = {}
