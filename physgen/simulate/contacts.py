@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from functools import lru_cache
+from functools import cache, lru_cache
 from math import hypot, isnan
 from struct import Struct
 
@@ -64,15 +64,17 @@ def touching(words: bytes, numbers: bytes) -> Touching:
 @lru_cache(maxsize=512)
 def new_contacts(words: bytes, before: bytes) -> Sequence[int]:
     """Rows of contacts whose partners, in whichever order, and count of points are not among those before."""
-    known = set(_pairs(before))
-    return [k for k, pair in enumerate(_pairs(words)) if pair not in known]
+    now, then = _pairs(words), np.sort(_pairs(before))
+    at = then.searchsorted(now)
+    at[at == len(then)] = 0
+    found: list[int] = np.flatnonzero(then.take(at) != now).tolist() if len(then) else list(range(len(now)))
+    return found
 
 
-@lru_cache(maxsize=512)
-def _pairs(words: bytes) -> list[int]:
+@lru_cache(maxsize=256)
+def _pairs(words: bytes) -> Index:
     first, second, count = np.frombuffer(words, np.int64).reshape(-1, WORDS).T
-    pairs: list[int] = ((np.minimum(first, second) << 32 | np.maximum(first, second)) << 2 | count).tolist()
-    return pairs
+    return np.asarray((np.minimum(first, second) << 32 | np.maximum(first, second)) << 2 | count)
 
 
 def any_closes(
@@ -94,25 +96,31 @@ def any_closes(
     return False
 
 
-def normal_impulses(numbers: Array) -> list[float]:
-    """(K,) g·px/s that pressed the partners of each contact apart; numbers (14 K,)."""
-    ix, iy, nx, ny = (numbers[k::NUMBERS] for k in range(4))
-    pressed: list[float] = np.abs(ix * nx + iy * ny).tolist()
-    return pressed
+def normal_impulses(numbers: list[float], rows: Sequence[int]) -> list[float]:
+    """g·px/s that pressed the partners of some contacts apart, rising; numbers (14 K,)."""
+    found = []
+    for k in rows:
+        ix, iy, nx, ny = numbers[NUMBERS * k : NUMBERS * k + 4]
+        found.append(abs(ix * nx + iy * ny))
+    found.sort()
+    return found
 
 
-def contact_places(numbers: bytes) -> Array:
-    """(K, 9) px: where contacts are, on both partners."""
-    return np.frombuffer(numbers).reshape(-1, NUMBERS)[:, 4:13]
+@cache
+def _corners(count: int) -> Array:
+    """(14 K,): 1 for the numbers of K contacts that are places."""
+    return np.tile(np.repeat([0.0, 1.0, 0.0], [4, 9, 1]), count)
 
 
 def contacts_jumped(now: Array, before: Array) -> bool:
-    """Whether contacts of the same pairs, in the same order, are elsewhere at once: another corner has come down."""
+    """Whether contacts of the same pairs, in the same order, are elsewhere at once: another corner has come down.
+
+    now, before (14 K,): their numbers.
+    """
     if not len(now) == len(before) > 0:
         return False
-    off = (now - before).ravel()
-    # most often nothing leaps, and one product tells
-    return float(off @ off) > LEAP**2 and float(np.abs(off).max()) > LEAP
+    off = (now - before) * _corners(len(now) // NUMBERS)
+    return float(np.maximum.reduce(np.abs(off))) > LEAP
 
 
 @dataclass(frozen=True)
@@ -133,9 +141,16 @@ class Points:
     """(P,) px/s at which they close, by velocities before contacts."""
 
     def sorted(self) -> Points:
-        """By objects, pairs of shapes and place."""
-        place = self.on_first
-        order = np.lexsort((place[:, 1], place[:, 0], self.row, self.second, self.first))
+        """By objects, pairs of shapes and place: the first two sorted already."""
+        x, y = self.on_first.T
+        # contacts come sorted but for the two points of one
+        second = np.flatnonzero(self.row[1:] == self.row[:-1]) + 1
+        ahead = (x[second] < x[second - 1]) | ((x[second] == x[second - 1]) & (y[second] < y[second - 1]))
+        if not ahead.any():
+            return self
+        order = np.arange(len(x))
+        order[second[ahead]] -= 1
+        order[second[ahead] - 1] += 1
         return Points(*(getattr(self, field.name)[order] for field in fields(self)))
 
     def earlier(self, own: Flags, touched: Flags, h: float) -> Array:

@@ -23,12 +23,10 @@ from physgen.scene.scene import Motion
 from physgen.simulate.collisions import Impacts, ImpactSolver, StepMotion, WorkBudget
 from physgen.simulate.contacts import (
     CONTACT_BYTES,
-    NUMBERS,
     WORDS,
     Array,
     ContactProperties,
     any_closes,
-    contact_places,
     contact_points,
     contacts_jumped,
     new_contacts,
@@ -345,7 +343,7 @@ class Stepper:
         self._wide = np.concatenate([self._center, np.zeros((len(walls), 3))])
         self._fast = np.zeros_like(self._wide)
         self._cornered = any(b.radius is None for b in bodies)
-        self._words, self._places, self._states = b"", contact_places(b""), b""
+        self._words = self._numbers = self._states = b""
         self._calm = True
         self._begun: tuple[Forces | None, tuple[bytes, bytes, bytes]] | None = None
         """Forces and outcome of the next step, where it was taken already."""
@@ -385,7 +383,7 @@ class Stepper:
     @property
     def contact_bytes(self) -> int:
         """Of the last step's contacts."""
-        return len(self._words) // CONTACT_BYTES * 8 * NUMBERS
+        return len(self._numbers)
 
     def glide(self, ends: Sequence[float], spans: Sequence[float]) -> list[Step]:
         """Steps as `take` takes them, as many as nothing happens in; what ends them is kept for the next."""
@@ -428,8 +426,7 @@ class Stepper:
         self._speeds = after[-1], within[-1]
         states = [rows.tobytes() for rows in glide.states]
         self._states = states[-1]
-        if self._cornered:
-            self._places = contact_places(glide.numbers[-1])
+        self._numbers = glide.numbers[-1]
         return [
             Step(end, moved, self._words, numbers, None, None, [], flow, [])
             for end, moved, numbers, flow in zip(ends, states, glide.numbers, settled, strict=False)
@@ -462,8 +459,7 @@ class Stepper:
                 self._space.brake(self._lasting.torques)
                 states, words, numbers = self._space.step(h)
             impact = None
-            places = contact_places(numbers) if self._cornered else self._places
-            leap = self._cornered and contacts_jumped(places, self._places)
+            leap = self._cornered and contacts_jumped(*map(np.frombuffer, (numbers, self._numbers)))
             surprise = self.suspicious or leap
             # the last try is taken as it comes: what still closes then does not bounce
             new: Sequence[int] | None = None
@@ -502,8 +498,7 @@ class Stepper:
             self._space.place(exact)
             states = exact.tobytes()
         self.stirred |= not self._calm
-        self._words, self.suspicious = words, False
-        self._places = places
+        self._words, self._numbers, self.suspicious = words, numbers, False
         velocity = np.frombuffer(states, np.float64).reshape(M, 6)
         used = before if before is not None else self.state()[:, 3:]
         self._speeds = velocity[:, 3:], used

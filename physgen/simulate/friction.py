@@ -50,9 +50,9 @@ class Resistance:
         self.torques = dict.fromkeys(self.torques, 0.0)
         if words != self._words:
             self._words, self.braking = words, self._brakes(words)
-        normals = normal_impulses(np.frombuffer(numbers))
+        listed: list[float] = np.frombuffer(numbers).tolist()
         for key, lever, rows in self.braking:
-            for normal in sorted([normals[k] for k in rows]):
+            for normal in normal_impulses(listed, rows):
                 self.torques[key] = self.torques.get(key, 0.0) + lever * normal / h
         return lost
 

@@ -5,12 +5,10 @@ No other module uses pymunk. Shapes have no elasticity: bounces are computed in 
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Flag
-from functools import cache
-from itertools import chain, pairwise
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -24,10 +22,10 @@ from physgen.compile.world import Body, Joint, Wall, World
 from physgen.scene.scene import JointKind, Motion
 from physgen.simulate.contacts import (
     CONTACT_BYTES,
-    LEAP,
     NUMBERS,
     WORDS,
     Array,
+    contacts_jumped,
     normal_impulses,
 )
 from physgen.simulate.friction import Pair
@@ -66,27 +64,28 @@ _CONTACT = (
 class Order:
     """The order, by our numbers of bodies and counts of points, of contacts that pymunk lists in one way."""
 
-    def __init__(self, pairs: list[tuple[int, int, int]]) -> None:
-        """Both partners and the count of points of each contact as it is listed."""
-        rows = sorted(range(len(pairs)), key=pairs.__getitem__)
-        self.words = array("q", chain.from_iterable(pairs[k] for k in rows)).tobytes()
+    def __init__(self, listed: Index) -> None:
+        """listed (K, 3): both partners and the count of points of each contact."""
+        key = (listed[:, 0] << 32 | listed[:, 1]) << 2 | listed[:, 2]
+        rows = np.argsort(key, kind="stable")
+        ranked = key.take(rows)
+        self.words = listed.take(rows, axis=0).tobytes()
         # several pieces or segments, of which some touch at one and the same corner
-        self._alike = [k for k in range(1, len(rows)) if pairs[rows[k]] == pairs[rows[k - 1]]]
-        self._pairs, self.corners = pairs, _corners(len(rows))
+        self._alike = np.flatnonzero(ranked[1:] == ranked[:-1]) + 1
         self._set(rows)
 
-    def _set(self, rows: list[int]) -> None:
-        self.rows = np.array(rows, np.int64)
+    def _set(self, rows: Index) -> None:
+        self.rows = rows
         """(K,): contacts in order."""
-        self.mixed = rows != sorted(rows)
+        self.mixed = bool((rows[1:] < rows[:-1]).any())
         """Whether that is not the order in which they are listed."""
-        if self._alike:
-            both = [rows[k - 1] for k in self._alike] + [rows[k] for k in self._alike]
-            self._places = (NUMBERS * np.array(both)[:, None] + _PLACE).ravel()
+        if len(self._alike):
+            both = np.concatenate([rows[self._alike - 1], rows[self._alike]])
+            self._places = (NUMBERS * both[:, None] + _PLACE).ravel()
 
     def holds(self, numbers: Array) -> bool:
         """Whether contacts of the same pairs still follow each other by place; numbers (14 K,) as listed."""
-        if not self._alike:
+        if not len(self._alike):
             return True
         places = numbers.take(self._places).tolist()
         half, width = len(places) // 2, len(_PLACE)
@@ -96,15 +95,12 @@ class Order:
         """The numbers in order, which is changed where contacts of the same pairs have changed places."""
         flat = np.frombuffer(numbers)
         if not self.holds(flat):
-            places = flat.reshape(-1, NUMBERS)[:, _PLACE].tolist()
-            self._set(sorted(self.rows.tolist(), key=lambda k: (self._pairs[k], places[k])))
+            rows, places = self.rows.copy(), flat.reshape(-1, NUMBERS)[:, _PLACE]
+            for run in np.split(self._alike, np.flatnonzero(np.diff(self._alike) > 1) + 1):
+                part = rows[run[0] - 1 : run[-1] + 1]
+                part[:] = sorted(part.tolist(), key=lambda k: places[k].tolist())
+            self._set(rows)
         return flat.reshape(-1, NUMBERS).take(self.rows, axis=0).tobytes() if self.mixed else numbers
-
-
-@cache
-def _corners(count: int) -> Array:
-    """(14 K,): 1 for the numbers of K contacts that are places."""
-    return np.tile(np.repeat([0.0, 1.0, 0.0], [4, 9, 1]), count)
 
 
 @dataclass(frozen=True)
@@ -139,7 +135,9 @@ class Space:
         self._anchor = pymunk.Body(body_type=pymunk.Body.STATIC)
         space.add(self._anchor)
         _add_joints(space, world.joints, bodies, self._anchor)
-        self._by_id = {body.id: number for number, body in enumerate((*bodies, *walls))}
+        ids = np.array([body.id for body in (*bodies, *walls)], np.uint64)
+        self._by_id = np.argsort(ids)
+        self._ids = ids[self._by_id]
         self.moving = np.flatnonzero([body.motion is not Motion.STATIC for body in world.bodies])
         """(M,): bodies that the state lists, in order."""
         M = len(self.moving)
@@ -163,7 +161,7 @@ class Space:
         self._sweeps = int(space.iterations)
         self._listed = self._numbers = b""
         """Contacts of the last step, as pymunk lists them."""
-        self._orders = {b"": Order([])}
+        self._orders = {b"": Order(np.zeros((0, WORDS), np.int64))}
         """By contacts as pymunk lists them: few lists come again and again."""
 
     @property
@@ -199,12 +197,11 @@ class Space:
     def _order(self) -> Order:
         """Of the last step's contacts; pymunk's ids and order are those of memory addresses."""
         if self._listed not in self._orders:
-            if len(self._orders) >= 1000:
+            if len(self._orders) * max(len(self._listed), 8000) >= 8_000_000:
                 self._orders.clear()
-            ids, number = memoryview(self._listed).cast("Q").tolist(), self._by_id
-            listed = zip(ids[::WORDS], ids[1::WORDS], ids[2::WORDS], strict=True)
-            pairs = [(number[a], number[b], count) for a, b, count in listed]
-            self._orders[self._listed] = Order(pairs)
+            listed = np.frombuffer(self._listed, np.int64).reshape(-1, WORDS).copy()
+            listed[:, :2] = self._by_id.take(self._ids.searchsorted(listed[:, :2].view(np.uint64)))
+            self._orders[self._listed] = Order(listed)
         return self._orders[self._listed]
 
     def glide(
@@ -245,13 +242,10 @@ class Space:
             if alike and K:
                 alike = ffi.buffer(words.arr + WORDS * K * done, CONTACT_BYTES * K)[:] == listed
                 chunk = ffi.buffer(numbers.arr + NUMBERS * K * done, 8 * NUMBERS * K)[:]
-                now = np.frombuffer(chunk)
-                alike = alike and order.holds(now)
+                found = np.frombuffer(chunk)
+                alike = alike and order.holds(found)
                 if alike and cornered:
-                    off = (now - before) * order.corners
-                    # most often nothing leaps, and one product tells
-                    alike = not (off.dot(off) > LEAP**2 and np.abs(off).max() > LEAP)
-                    before = now
+                    alike, before = not contacts_jumped(found, before), found
             if not alike:
                 begun = self._read(done, K * done)
                 break
@@ -264,12 +258,11 @@ class Space:
             done += 1
             chunks.append(chunk)
             torques.clear()
-            if gauges:
-                normals = normal_impulses(now)
+            now = found.tolist() if gauges else []
             for motor, parts in gauges.values():
                 torque = 0.0
                 for lever, rows in parts:
-                    for normal in sorted([normals[k] for k in rows]) if len(rows) > 1 else [normals[rows[0]]]:
+                    for normal in normal_impulses(now, rows):
                         torque += lever * normal / h
                 lib.cpConstraintSetMaxForce(motor, torque)
                 braked.append(lib.cpConstraintGetImpulse(motor))
