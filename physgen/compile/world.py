@@ -87,8 +87,13 @@ class Body:
         pairs.sort(key=lambda pair: -pair[0])
         corners = np.concatenate([piece for _, piece in pairs])
         owner = np.repeat(np.arange(len(pairs)), [len(piece) for _, piece in pairs])
-        points, shapes = shapely.points(corners), shapely.polygons(shapely.linearrings(corners, indices=owner))
-        away = np.where(owner[:, None] > np.arange(len(pairs)), shapely.distance(points[:, None], shapes), np.inf)
+        points, shapes = (
+            shapely.points(corners),
+            shapely.polygons(shapely.linearrings(corners, indices=owner)),
+        )
+        away = np.where(
+            owner[:, None] > np.arange(len(pairs)), shapely.distance(points[:, None], shapes), np.inf
+        )
         for k, (width, _) in enumerate(pairs[1:], 1):
             # a union takes long, and is needed only for what may be a limb
             if away[owner == k].min(axis=1).max() > 0.999 * width:

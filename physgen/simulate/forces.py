@@ -292,7 +292,7 @@ class StepForces:
 
     def glides(self, touching: bool) -> bool:
         """Whether forces of several steps can be known before the first."""
-        return not (self._loads.busy or self._table.busy and (touching or self._falls))
+        return not (self._loads.busy or (self._table.busy and (touching or self._falls)))
 
     @property
     def torques(self) -> dict[Pair, float]:
@@ -348,10 +348,17 @@ class StepForces:
         del self._foreseen[-steps:]
 
     def settle_many(
-        self, loads: Sequence[Forces] | None, mean: Array, braked: Array, torques: Mapping[Pair, float], h: Array
+        self,
+        loads: Sequence[Forces] | None,
+        mean: Array,
+        braked: Array,
+        torques: Mapping[Pair, float],
+        h: Array,
     ) -> list[EnergyFlow]:
-        """As `settle` for S steps with the same contacts, of h (S,) seconds and mean velocities (S, M, 3); braked (S, B)
-        by the pairs of `torques`, which the last of them asks for."""
+        """As `settle` for S steps with the same contacts, of h (S,) seconds and mean velocities (S, M, 3).
+
+        braked (S, B) by the pairs of `torques`, which the last of them asks for.
+        """
         if loads is None:
             lost = self._resistance.settle_many(braked, torques, mean[:, :, 2], self._numbers)
             return [EnergyFlow(one, 0.0, None) for one in lost.tolist()]

@@ -160,10 +160,10 @@ def _few_changes(
         y.append((goal - sum(map(mul, row, before)) - sum(map(mul, line, y))) / sqrt(left))
         lower.append([*line, sqrt(left)])
     for k in reversed(range(len(y))):
-        known = 0.0
+        above = 0.0
         for i in range(k + 1, len(y)):
-            known += lower[i][k] * y[i]
-        y[k] = (y[k] - known) / lower[k][k]
+            above += lower[i][k] * y[i]
+        y[k] = (y[k] - above) / lower[k][k]
     columns = zip(light, zip(*rows, strict=True), strict=True)
     return [m * sum(map(mul, y, column)) if m else 0.0 for m, column in columns]
 

@@ -81,7 +81,7 @@ class Order:
         """Whether that is not the order in which they are listed."""
         if len(self._alike):
             both = np.concatenate([rows[self._alike - 1], rows[self._alike]])
-            self._places = (NUMBERS * both[:, None] + _PLACE).ravel()
+            self._places: Index = (NUMBERS * both[:, None] + _PLACE).ravel()
 
     def holds(self, numbers: Array) -> bool:
         """Whether contacts of the same pairs still follow each other by place; numbers (14 K,) as listed."""
@@ -89,7 +89,9 @@ class Order:
             return True
         places = numbers.take(self._places).tolist()
         half, width = len(places) // 2, len(_PLACE)
-        return all(places[k : k + width] <= places[half + k : half + k + width] for k in range(0, half, width))
+        return all(
+            places[k : k + width] <= places[half + k : half + k + width] for k in range(0, half, width)
+        )
 
     def sort(self, numbers: bytes) -> bytes:
         """The numbers in order, which is changed where contacts of the same pairs have changed places."""
@@ -135,9 +137,11 @@ class Space:
         self._anchor = pymunk.Body(body_type=pymunk.Body.STATIC)
         space.add(self._anchor)
         _add_joints(space, world.joints, bodies, self._anchor)
-        ids = np.array([body.id for body in (*bodies, *walls)], np.uint64)
-        self._by_id = np.argsort(ids)
-        self._ids = ids[self._by_id]
+        # pymunk counts its bodies: these lie close together
+        ids = np.array([body.id for body in (*bodies, *walls, self._anchor)])
+        self._first_id = ids.min()
+        self._by_id = np.zeros(np.ptp(ids) + 1, np.int64)
+        self._by_id[ids - self._first_id] = np.arange(len(ids))
         self.moving = np.flatnonzero([body.motion is not Motion.STATIC for body in world.bodies])
         """(M,): bodies that the state lists, in order."""
         M = len(self.moving)
@@ -200,7 +204,7 @@ class Space:
             if len(self._orders) * max(len(self._listed), 8000) >= 8_000_000:
                 self._orders.clear()
             listed = np.frombuffer(self._listed, np.int64).reshape(-1, WORDS).copy()
-            listed[:, :2] = self._by_id.take(self._ids.searchsorted(listed[:, :2].view(np.uint64)))
+            listed[:, :2] = self._by_id.take(listed[:, :2] - self._first_id)
             self._orders[self._listed] = Order(listed)
         return self._orders[self._listed]
 
