@@ -81,7 +81,7 @@ class Order:
         """Whether that is not the order in which they are listed."""
         if len(self._alike):
             both = np.concatenate([rows[self._alike - 1], rows[self._alike]])
-            self._places: Index = (NUMBERS * both[:, None] + _PLACE).ravel()
+            self._places = (NUMBERS * both[:, None] + _PLACE).ravel().astype(np.int64)
 
     def holds(self, numbers: Array) -> bool:
         """Whether contacts of the same pairs still follow each other by place; numbers (14 K,) as listed."""
