@@ -51,7 +51,7 @@ from physgen.simulate.recorder import (
     StepLog,
     recorded_trajectory,
 )
-from physgen.simulate.space import GLIDE, Space
+from physgen.simulate.space import Space
 from physgen.simulate.step_control import Governor, StepDivider
 from physgen.simulate.trajectory import Effort, Trajectory
 
@@ -64,6 +64,8 @@ MOST_PARTS = 1024
 ATTEMPTS = 8
 """Times that a step is taken again because impacts changed what it does."""
 NOTHING = EnergyFlow(0.0, 0.0, None)
+GLIDE = 8
+"""Steps after which speeds are looked at again."""
 FEW = 12
 """Contacts up to which plain numbers are quicker than arrays."""
 
@@ -241,21 +243,20 @@ class Running:
 
     def _glide(self, last: int) -> bool:
         """Steps, up to the last, in which nothing happens; whether there were any."""
-        most = min(GLIDE - self._stepper.steps % GLIDE, last - self._number)
-        most = min(most, self._ledger.room(self._stepper.contact_bytes))
-        ends, spans = list[float](), list[float]()
-        for number in range(self._number, self._number + most):
-            begin = number * self._base
-            h = (number + 1) * self._base - begin
+        begun = self._number
+        while self._number < last:
+            begin = self._number * self._base
+            h = (self._number + 1) * self._base - begin
             if abs(h - self._h) > 1e-9 * h or self._kicks.due(begin + h):
                 break
-            ends.append(begin + h)
-            spans.append(h)
-        steps = self._stepper.glide(ends, spans) if spans else []
-        for step in steps:
-            self._record(step, spans[0])
-        self._number += len(steps)
-        return bool(steps)
+            step = self._stepper.glide(begin + h, h)
+            if step is None:
+                break
+            self._number += 1
+            self._record(step, h)
+            if self._stepper.steps % GLIDE == 0:
+                break
+        return self._number > begun
 
     def _ahead(self, end: float, h: float) -> Array:
         """The state (M, 6), scripted bodies with the fastest of this step and the next."""
@@ -318,6 +319,10 @@ class Running:
         return given
 
 
+Begun = tuple[Forces | None, bytes, bytes, bytes]
+"""Forces of a step; states, words and numbers of contacts that they led to."""
+
+
 class Stepper:
     """Takes one step after the other."""
 
@@ -345,7 +350,7 @@ class Stepper:
         self._cornered = any(b.radius is None for b in bodies)
         self._words = self._numbers = self._states = b""
         self._calm = True
-        self._begun: tuple[Forces | None, tuple[bytes, bytes, bytes]] | None = None
+        self._begun: Begun | None = None
         """Forces and outcome of the next step, where it was taken already."""
         self._speeds = np.zeros((len(space.moving), 3)), np.zeros((len(space.moving), 3))
         """(M, 3): velocities after the last step, and within it."""
@@ -380,95 +385,54 @@ class Stepper:
         weight = 1 / self._inverse[self._dynamic]
         return allowed, float((weight * (velocity**2 - allowed**2)[self._dynamic]).sum() / 2)
 
-    @property
-    def contact_bytes(self) -> int:
-        """Of the last step's contacts."""
-        return len(self._numbers)
-
-    def glide(self, ends: Sequence[float], spans: Sequence[float]) -> list[Step]:
-        """Steps as `take` takes them, as many as nothing happens in; what ends them is kept for the next."""
-        quiet = not (self.suspicious or self._begun)
-        quiet &= self._calm or not self._governor.crowded
-        if not quiet or not self._lasting.glides(bool(self._words) or self._joined.busy):
-            return []
+    def glide(self, end: float, h: float) -> Step | None:
+        """The step to the time `end` where nothing happens in it; else it is kept for `take`."""
+        if self.suspicious or self._begun or (self._governor.crowded and not self._calm):
+            return None
         self._space.iterations = self._governor.sweeps
+        _, _, words, numbers = self._begun = self._begin(end, h, None)
+        if self._leaps(numbers) or (words != self._words and new_contacts(words, self._words)):
+            return None
+        return self._end(end, h, None, None, None, [], [])
+
+    def _begin(self, end: float, h: float, state: Array | None, first: bool = False) -> Begun:
+        """Take the step to `end` as things are, or as the state (M, 6) that was placed."""
+        load: Forces | None = None
+        if self._lasting.pushes:
+            placed = self.state() if state is None else state
+            alone = state is None and not self._words and not self._joined.busy
+            load = self._lasting.push(placed, end, h, first=first, alone=alone)
+            every = len(load.total) == len(placed)
+            self._space.push(load.total if every else load.total[self._space.moving])
         self._space.brake(self._lasting.torques)
-        state = self.state()
-        loads = self._lasting.ahead(state, spans)
-        pushed = None
-        if loads is not None:
-            spans = spans[: len(loads)]
-            pushed = np.array([load.total[self._space.moving] for load in loads])
-        driven = list[float]()
+        return load, *self._space.step(h)
 
-        def hold(state: Array, h: float) -> None:
-            driven.append(self._hold(state, h, 1.0))
-
-        braking, busy = self._lasting.braking, self._joined.busy
-        glide = self._space.glide(spans, pushed, braking, self._cornered, hold if busy else None)
-        S = len(glide.states)
-        if glide.begun is not None:
-            self._begun = None if loads is None else loads[S], glide.begun
-        if loads is not None:
-            self._lasting.spend(S + (glide.begun is not None))
-        if not S:
-            return []
-        self.steps += S
-        self._calm = True
-        after = glide.states[:, :, 3:]
-        within = np.concatenate([state[None, :, 3:], after[:-1]])
-        settled = [NOTHING] * S
-        if self._lasting.accounts:
-            mean, h = (within + after) / 2, np.array(spans[:S])
-            settled = self._lasting.settle_many(loads, mean, glide.braked, glide.torques, h)
-        if any(driven):
-            settled = [replace(s, work=s.work + work) for s, work in zip(settled, driven, strict=True)]
-        self._speeds = after[-1], within[-1]
-        states = [rows.tobytes() for rows in glide.states]
-        self._states = states[-1]
-        self._numbers = glide.numbers[-1]
-        return [
-            Step(end, moved, self._words, numbers, None, None, [], flow, [])
-            for end, moved, numbers, flow in zip(ends, states, glide.numbers, settled, strict=False)
-        ]
+    def _leaps(self, numbers: bytes) -> bool:
+        """Whether a contact is elsewhere at once."""
+        return self._cornered and contacts_jumped(np.frombuffer(numbers), np.frombuffer(self._numbers))
 
     def take(
         self, end: float, h: float, state: Array | None, kicks: list[EnergyEvent], first: bool = False
     ) -> Step:
         """Step to the time `end`; again, with other velocities, where impacts fall. state (M, 6): as placed."""
-        self.steps += 1
-        M = len(self._space.moving)
         before = None if state is None else state[:, 3:].copy()
         original: Array | None = None
         impacts: list[Impacts] = []
-        self._lasting.begin()
         probing = self._governor.crowded and not self._calm
         if probing and state is None:
             state = self.state().copy()
         self._space.iterations = 1 if probing else self._governor.sweeps
         for attempt in range(ATTEMPTS):
-            load: Forces | None = None
-            if self._begun is not None:
-                (load, (states, words, numbers)), self._begun = self._begun, None
-            else:
-                if self._lasting.pushes:
-                    placed = self.state() if state is None else state
-                    alone = state is None and not self._words and not self._joined.busy
-                    load = self._lasting.push(placed, end, h, first=first, alone=alone)
-                    self._space.push(load.total if len(load.total) == M else load.total[self._space.moving])
-                self._space.brake(self._lasting.torques)
-                states, words, numbers = self._space.step(h)
+            load, states, words, numbers = self._begun = self._begun or self._begin(end, h, state, first)
             impact = None
-            leap = self._cornered and contacts_jumped(*map(np.frombuffer, (numbers, self._numbers)))
-            surprise = self.suspicious or leap
             # the last try is taken as it comes: what still closes then does not bounce
             new: Sequence[int] | None = None
-            if not surprise:  # the first step is one, too
+            if not (self.suspicious or self._leaps(numbers)):  # the first step is one, too
                 new = new_contacts(words, self._words) if words != self._words else ()
             if attempt < ATTEMPTS - 1 and (new is None or new):
                 if state is None:
                     state = self.state().copy()
-                after = np.frombuffer(states, np.float64).reshape(M, 6)
+                after = np.frombuffer(states, np.float64).reshape(-1, 6)
                 motion = after[:, :3], state[:, 3:]
                 impact = self._strike(*motion, words, numbers, h, new, first, load)
             if impact is None and not probing:
@@ -484,38 +448,50 @@ class Stepper:
                 before = state[:, 3:].copy()
                 state[:, :3] = after[:, :3] + impact.shift[moving] - before * h
             self._space.iterations = self._governor.sweeps if impact is None else self._governor.after_impacts
-            probing = False
+            probing, self._begun = False, None
             self._space.place(state)
+        return self._end(end, h, state, before, original, impacts, kicks, 0.5 if first else 1.0)
+
+    def _end(
+        self,
+        end: float,
+        h: float,
+        state: Array | None,
+        before: Array | None,
+        original: Array | None,
+        impacts: list[Impacts],
+        kicks: list[EnergyEvent],
+        strength: float = 1.0,
+    ) -> Step:
+        """The step that was begun, once it is as it will stay; motors had part of their strength."""
+        assert self._begun is not None
+        (load, states, words, numbers), self._begun = self._begun, None
+        self.steps += 1
         self._calm = original is None
         driven = 0.0
         if self._joined.busy or (state is not None and not self._calm):
-            exact = np.frombuffer(states, np.float64).reshape(M, 6).copy()
+            exact = np.frombuffer(states, np.float64).reshape(-1, 6).copy()
             if state is not None and not self._calm:
                 # the first try pushed overlaps apart that the impacts have undone
                 exact[:, :3] = state[:, :3] + state[:, 3:] * h
             if self._joined.busy:
-                driven = self._hold(exact, h, 0.5 if first else 1.0)
+                held, driven = self._joined.hold(*self.everybody(exact), self._inverse, h, strength)
+                exact[:, 3:] = held[self._space.moving]
             self._space.place(exact)
             states = exact.tobytes()
         self.stirred |= not self._calm
-        self._words, self._numbers, self.suspicious = words, numbers, False
-        velocity = np.frombuffer(states, np.float64).reshape(M, 6)
+        velocity = np.frombuffer(states, np.float64).reshape(-1, 6)
         used = before if before is not None else self.state()[:, 3:]
         self._speeds = velocity[:, 3:], used
+        self._words, self._numbers, self._states, self.suspicious = words, numbers, states, False
         settled = NOTHING
         if self._lasting.accounts:
             braked = self._space.braked()
             settled = self._lasting.settle(load, used, velocity, (words, numbers), braked, h)
         if driven:
             settled = replace(settled, work=settled.work + driven)
-        self._states = states
+        self._lasting.begin()
         return Step(end, states, words, numbers, before, original, impacts, settled, kicks)
-
-    def _hold(self, state: Array, h: float, strength: float) -> float:
-        """Give the state (M, 6) the velocities that joints allow; the work of the motors, at part of their strength."""
-        held, driven = self._joined.hold(*self.everybody(state), self._inverse, h, strength)
-        state[:, 3:] = held[self._space.moving]
-        return driven
 
     def _strike(
         self,

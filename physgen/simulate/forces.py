@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import pi
 
@@ -282,17 +282,8 @@ class StepForces:
         """Whether a step has to be settled."""
 
     def begin(self) -> None:
-        """A new step: a step that is taken again starts from here."""
+        """The next step: one that is taken again starts from here."""
         self._roll_before = self.roll
-
-    @property
-    def braking(self) -> list[tuple[Pair, float, list[int]]]:
-        """By which contacts of the last step rolling resistance brakes."""
-        return self._resistance.braking
-
-    def glides(self, touching: bool) -> bool:
-        """Whether forces of several steps can be known before the first."""
-        return not (self._loads.busy or (self._table.busy and (touching or self._falls)))
 
     @property
     def torques(self) -> dict[Pair, float]:
@@ -330,47 +321,6 @@ class StepForces:
             spend = grip if load.spend is None else load.spend + grip
             load = Forces(load.total + grip if self._loads.busy else grip, load.drive, spend, rolled)
         return load
-
-    def ahead(self, state: Array, spans: Sequence[float]) -> list[Forces] | None:
-        """Lasting forces in the next steps of so many seconds each, at most as many, while nothing touches on a table;
-        None where there are none."""
-        if not self._table.busy:
-            return None
-        if not self._foreseen:
-            velocity = self._spread(state[:, 3:], self._nothing)
-            self._foreseen = self._table.foreseen(velocity, self.roll, spans[0], 32)
-        changes, rolled = zip(*self._foreseen[: -1 - len(spans) : -1], strict=True)
-        grips = np.array(changes) * self._weight / np.array(spans[: len(changes)])[:, None, None]
-        return [Forces(grip, None, grip, turn) for grip, turn in zip(grips, rolled, strict=True)]
-
-    def spend(self, steps: int) -> None:
-        """So many of the steps ahead were taken."""
-        del self._foreseen[-steps:]
-
-    def settle_many(
-        self,
-        loads: Sequence[Forces] | None,
-        mean: Array,
-        braked: Array,
-        torques: Mapping[Pair, float],
-        h: Array,
-    ) -> list[EnergyFlow]:
-        """As `settle` for S steps with the same contacts, of h (S,) seconds and mean velocities (S, M, 3).
-
-        braked (S, B) by the pairs of `torques`, which the last of them asks for.
-        """
-        if loads is None:
-            lost = self._resistance.settle_many(braked, torques, mean[:, :, 2], self._numbers)
-            return [EnergyFlow(one, 0.0, None) for one in lost.tolist()]
-        flows = []
-        for load, rows, span in zip(loads, mean, h.tolist(), strict=False):
-            assert load.rolled is not None
-            self.begin()
-            taken = -float(np.vdot(load.total, self._spread(rows, self._nothing))) * span
-            taken -= float(np.vdot(self._moments * load.rolled, self._roll_before + load.rolled / 2))
-            self.roll = self._roll_before + load.rolled
-            flows.append(EnergyFlow(taken, 0.0, self.roll))
-        return flows
 
     def _spread(self, rows: Array, others: Array) -> Array:
         """(M, 3) of the bodies that move -> (N, 3) of all."""

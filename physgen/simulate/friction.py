@@ -33,9 +33,8 @@ class Resistance:
         self.busy = any(levers) and world.press == 0
         self.torques: dict[Pair, float] = {}
         """Of the brakes in the next step, by the normal forces of the last one, g·px²/s²."""
-        self._words = b""
-        self.braking: list[tuple[Pair, float, list[int]]] = []
-        """Of each two partners that brake in the contacts that were listed last: their brake, lever and rows."""
+        self._words, self._braking = b"", list[tuple[Pair, float, list[int]]]()
+        """Contacts as they are listed, and of each two partners that brake: their brake, lever and rows."""
 
     def settle(
         self, braked: Mapping[Pair, float], words: bytes, numbers: bytes, spins: dict[int, float], h: float
@@ -49,23 +48,11 @@ class Resistance:
             lost += impulse * abs(spins[first] - spins.get(second, 0.0))
         self.torques = dict.fromkeys(self.torques, 0.0)
         if words != self._words:
-            self._words, self.braking = words, self._brakes(words)
+            self._words, self._braking = words, self._brakes(words)
         listed: list[float] = np.frombuffer(numbers).tolist()
-        for key, lever, rows in self.braking:
+        for key, lever, rows in self._braking:
             for normal in normal_impulses(listed, rows):
                 self.torques[key] = self.torques.get(key, 0.0) + lever * normal / h
-        return lost
-
-    def settle_many(
-        self, braked: Array, torques: Mapping[Pair, float], spins: Array, bodies: list[int]
-    ) -> Array:
-        """(S,): the same of S steps with the contacts of the last one; braked (S, B) by the pairs of `torques`, which
-        are the next; mean spins (S, M) of the bodies."""
-        lost = np.zeros(len(spins))
-        for (first, second), impulse in zip(torques, braked.T, strict=True):
-            against = 0.0 if second < 0 else spins[:, bodies.index(second)]
-            lost += impulse * np.abs(spins[:, bodies.index(first)] - against)
-        self.torques = dict.fromkeys(self.torques, 0.0) | dict(torques)
         return lost
 
     def _brakes(self, words: bytes) -> list[tuple[Pair, float, list[int]]]:

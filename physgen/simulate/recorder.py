@@ -218,11 +218,6 @@ class Recorder:
         self._write(step)
         self.flush()
 
-    def room(self, size: int) -> int:
-        """Steps, with so many bytes of contacts each, that fill the block."""
-        fit = self._block - self._count
-        return min(fit, -((self._held - BYTES) // size)) if size else fit
-
     def add(self, step: Step) -> bool:
         """Note a step; True once a block is full and has been read."""
         self._write(step)

@@ -5,8 +5,7 @@ No other module uses pymunk. Shapes have no elasticity: bounces are computed in 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from enum import Flag
 from itertools import pairwise
 from typing import Any
@@ -20,14 +19,7 @@ from pymunk.batch import ArbiterFields, BodyFields
 
 from physgen.compile.world import Body, Joint, Wall, World
 from physgen.scene.scene import JointKind, Motion
-from physgen.simulate.contacts import (
-    CONTACT_BYTES,
-    NUMBERS,
-    WORDS,
-    Array,
-    contacts_jumped,
-    normal_impulses,
-)
+from physgen.simulate.contacts import NUMBERS, WORDS, Array
 from physgen.simulate.friction import Pair
 
 Index = NDArray[np.int64]
@@ -38,9 +30,6 @@ SEAM = 0.5
 """px between the ends of two walls that make one smooth line."""
 STRAIGHT = 0.999
 """Cosine of the angle up to which two walls that meet make one smooth line."""
-
-GLIDE = 8
-"""Steps that are taken in one go at most."""
 
 _PLACE = [4, 5, 9, 10, 0, 1, 2, 3]
 """Numbers of a contact by which those of one pair are sorted: points on both bodies, impulse, normal."""
@@ -83,42 +72,20 @@ class Order:
             both = np.concatenate([rows[self._alike - 1], rows[self._alike]])
             self._places = (NUMBERS * both[:, None] + _PLACE).ravel().astype(np.int64)
 
-    def holds(self, numbers: Array) -> bool:
-        """Whether contacts of the same pairs still follow each other by place; numbers (14 K,) as listed."""
-        if not len(self._alike):
-            return True
-        places = numbers.take(self._places).tolist()
-        half, width = len(places) // 2, len(_PLACE)
-        return all(
-            places[k : k + width] <= places[half + k : half + k + width] for k in range(0, half, width)
-        )
-
     def sort(self, numbers: bytes) -> bytes:
         """The numbers in order, which is changed where contacts of the same pairs have changed places."""
-        flat = np.frombuffer(numbers)
-        if not self.holds(flat):
-            rows, places = self.rows.copy(), flat.reshape(-1, NUMBERS)[:, _PLACE]
-            for run in np.split(self._alike, np.flatnonzero(np.diff(self._alike) > 1) + 1):
-                part = rows[run[0] - 1 : run[-1] + 1]
-                part[:] = sorted(part.tolist(), key=lambda k: places[k].tolist())
-            self._set(rows)
+        flat, alike = np.frombuffer(numbers), self._alike
+        if len(alike):
+            places = flat.take(self._places).tolist()
+            half, width = len(places) // 2, len(_PLACE)
+            parts = range(0, half, width)
+            if any(places[half + k : half + k + width] < places[k : k + width] for k in parts):
+                rows, corners = self.rows.copy(), flat.reshape(-1, NUMBERS)[:, _PLACE]
+                for run in np.split(alike, np.flatnonzero(np.diff(alike) > 1) + 1):
+                    part = rows[run[0] - 1 : run[-1] + 1]
+                    part[:] = sorted(part.tolist(), key=lambda k: corners[k].tolist())
+                self._set(rows)
         return flat.reshape(-1, NUMBERS).take(self.rows, axis=0).tobytes() if self.mixed else numbers
-
-
-@dataclass(frozen=True)
-class Glide:
-    """S steps in a row with the same contacts."""
-
-    states: Array
-    """(S, M, 6)."""
-    numbers: list[bytes]
-    """Of the contacts of each step."""
-    braked: Array
-    """(S, B) g·px²/s: sizes of the angular impulses that the brakes in use gave."""
-    torques: dict[Pair, float]
-    """Of those B brakes, after the last step."""
-    begun: tuple[bytes, bytes, bytes] | None
-    """What `Space.step` would have given for the step after them, in which contacts are others."""
 
 
 class Space:
@@ -152,7 +119,7 @@ class Space:
         still = [b.center for b in world.bodies if b.motion is Motion.STATIC] + [np.zeros(2)] * (
             len(walls) + 1
         )
-        self._placing, self._pushing = np.zeros((M + len(still), 6)), np.zeros((GLIDE, M + len(still), 3))
+        self._placing, self._pushing = np.zeros((M + len(still), 6)), np.zeros((M + len(still), 3))
         self._placing[M:, :2] = np.array(still).reshape(-1, 2)
         self._place_buffer, self._push_buffer = batch.Buffer(), batch.Buffer()
         if M:
@@ -163,9 +130,7 @@ class Space:
         self._write_loads = _batched(space, writer, _LOAD, self._push_buffer)
         self._brakes: dict[Pair, tuple[pymunk.SimpleMotor, Any]] = {}
         self._sweeps = int(space.iterations)
-        self._listed = self._numbers = b""
-        """Contacts of the last step, as pymunk lists them."""
-        self._orders = {b"": Order(np.zeros((0, WORDS), np.int64))}
+        self._orders: dict[bytes, Order] = {}
         """By contacts as pymunk lists them: few lists come again and again."""
 
     @property
@@ -186,105 +151,21 @@ class Space:
         states.num = words.num = numbers.num = 0
         lib.cpSpaceEachBody(*self._read_states)
         lib.cpSpaceEachCachedArbiter(*self._read_contacts)
-        return self._read(0, 0)
+        moved: bytes = ffi.buffer(states.arr, 48 * len(self.moving))[:]
+        if not words.num:
+            return moved, b"", b""
+        order = self._order(ffi.buffer(words.arr, 8 * words.num)[:])
+        return moved, order.words, order.sort(ffi.buffer(numbers.arr, 8 * numbers.num)[:])
 
-    def _read(self, steps: int, contacts: int) -> tuple[bytes, bytes, bytes]:
-        """States, contact words and numbers that were listed last, after those of some steps and contacts."""
-        states, words, numbers = self._states._float_arr, self._contacts._int_arr, self._contacts._float_arr
-        moved: bytes = ffi.buffer(states.arr + steps * self._placing.size, 48 * len(self.moving))[:]
-        fresh = words.num // WORDS - contacts
-        self._listed = ffi.buffer(words.arr + WORDS * contacts, CONTACT_BYTES * fresh)[:] if fresh else b""
-        self._numbers = ffi.buffer(numbers.arr + NUMBERS * contacts, 8 * NUMBERS * fresh)[:] if fresh else b""
-        order = self._order()
-        return moved, order.words, order.sort(self._numbers)
-
-    def _order(self) -> Order:
-        """Of the last step's contacts; pymunk's ids and order are those of memory addresses."""
-        if self._listed not in self._orders:
-            if len(self._orders) * max(len(self._listed), 8000) >= 8_000_000:
+    def _order(self, listed: bytes) -> Order:
+        """Of contacts as pymunk lists them: by their bodies' ids, in the order of memory addresses."""
+        if listed not in self._orders:
+            if len(self._orders) * max(len(listed), 8000) >= 8_000_000:
                 self._orders.clear()
-            listed = np.frombuffer(self._listed, np.int64).reshape(-1, WORDS).copy()
-            listed[:, :2] = self._by_id.take(listed[:, :2] - self._first_id)
-            self._orders[self._listed] = Order(listed)
-        return self._orders[self._listed]
-
-    def glide(
-        self,
-        spans: Sequence[float],
-        loads: Array | None,
-        braking: Sequence[tuple[Pair, float, list[int]]],
-        cornered: bool,
-        hold: Callable[[Array, float], None] | None,
-    ) -> Glide:
-        """Steps of so many seconds each, until contacts are not those of the step before, or elsewhere at once.
-
-        loads (S, M, 3): forces and torques in each; braking: brakes, levers and contacts by which their torques follow
-        the normal forces of the step before; cornered: whether contacts can leap; hold: changes the state (M, 6) after
-        each step, of so many seconds.
-        """
-        step, each, arbiters = lib.cpSpaceStep, lib.cpSpaceEachBody, lib.cpSpaceEachCachedArbiter
-        states, words, numbers = self._states._float_arr, self._contacts._int_arr, self._contacts._float_arr
-        states.num = words.num = numbers.num = 0
-        if loads is not None:
-            self._pushing[: len(loads), : loads.shape[1]] = loads
-            self._push_buffer._float_arr.num = 0
-        listed, order = self._listed, self._order()
-        K, M, held = len(listed) // CONTACT_BYTES, len(self.moving), list[Array]()
-        used = {key for key, _, _ in braking}
-        gauges = {key: (motor, list[Any]()) for key, (_, motor) in self._brakes.items() if key in used}
-        for key, lever, rows in braking:
-            gauges[key][1].append((lever, order.rows[rows].tolist()))
-        done, chunks, braked, torques, begun = 0, list[bytes](), list[float](), list[float](), None
-        before, chunk = np.frombuffer(self._numbers), b""
-        for h in spans:
-            if loads is not None:
-                each(*self._write_loads)
-            step(self._read_states[0], h)
-            each(*self._read_states)
-            arbiters(*self._read_contacts)
-            alike = words.num == WORDS * K * (done + 1)
-            if alike and K:
-                alike = ffi.buffer(words.arr + WORDS * K * done, CONTACT_BYTES * K)[:] == listed
-                chunk = ffi.buffer(numbers.arr + NUMBERS * K * done, 8 * NUMBERS * K)[:]
-                found = np.frombuffer(chunk)
-                alike = alike and order.holds(found)
-                if alike and cornered:
-                    alike, before = not contacts_jumped(found, before), found
-            if not alike:
-                begun = self._read(done, K * done)
-                break
-            if hold is not None:
-                bare = ffi.buffer(states.arr + self._placing.size * done, 48 * M)
-                state = np.frombuffer(bare[:]).reshape(M, 6).copy()
-                hold(state, h)
-                self.place(state)
-                held.append(state)
-            done += 1
-            chunks.append(chunk)
-            torques.clear()
-            now = found.tolist() if gauges else []
-            for motor, parts in gauges.values():
-                torque = 0.0
-                for lever, rows in parts:
-                    for normal in normal_impulses(now, rows):
-                        torque += lever * normal / h
-                lib.cpConstraintSetMaxForce(motor, torque)
-                braked.append(lib.cpConstraintGetImpulse(motor))
-                torques.append(torque)
-        if begun is None:
-            self._numbers = chunk
-        if order.mixed:
-            ordered = np.frombuffer(b"".join(chunks)).reshape(done, K, NUMBERS).take(order.rows, axis=1)
-            chunks = [rows.tobytes() for rows in ordered]
-        listed_states = ffi.buffer(states.arr, 8 * self._placing.size * done)[:] if done else b""
-        moved = np.frombuffer(listed_states).reshape(done, len(self._placing), 6)[:, :M]
-        return Glide(
-            np.array(held) if held else moved,
-            chunks,
-            np.array(braked).reshape(done, len(gauges)),
-            dict(zip(gauges, torques, strict=bool(done))),
-            begun,
-        )
+            pairs = np.frombuffer(listed, np.int64).reshape(-1, WORDS).copy()
+            pairs[:, :2] = self._by_id.take(pairs[:, :2] - self._first_id)
+            self._orders[listed] = Order(pairs)
+        return self._orders[listed]
 
     def weaken(self, part: float) -> None:
         """Let gravity act with a part of its strength."""
@@ -299,7 +180,7 @@ class Space:
 
     def push(self, load: Array) -> None:
         """Forces and torques for the next step, (M, 3): g·px/s², g·px/s², g·px²/s²."""
-        self._pushing[0, : len(load)] = load
+        self._pushing[: len(load)] = load
         if len(load):
             self._push_buffer._float_arr.num = 0
             lib.cpSpaceEachBody(*self._write_loads)
