@@ -22,6 +22,7 @@ WORDS, NUMBERS = 3, 14
 CONTACT_BYTES = 8 * WORDS
 """Of the integers."""
 _WORDS, _NUMBERS = Struct(f"={WORDS}q"), Struct(f"={NUMBERS}d")
+_TWO = np.arange(2)
 _ON_FIRST, _ON_SECOND, _DISTANCE = ([4, 5, 9, 10], [6, 7, 11, 12], [8, 13])
 
 
@@ -221,24 +222,25 @@ class Point:
         return self.leaving(va, vb), slides
 
 
-def contact_points(touching: Touching, pose: Array, velocity: Array) -> Points:
-    """One row a point; pose and velocity (N, 3) of all objects."""
-    use = np.arange(2) < touching.count[:, None]
-    row = np.repeat(np.arange(len(use)), touching.count)
-    first, second, normal = touching.first[row], touching.second[row], touching.normal[row]
-    on1, on2 = touching.on_first[use], touching.on_second[use]
-    apart = _at(velocity, first, on1, pose) - _at(velocity, second, on2, pose)
-    closing = apart[:, 0] * normal[:, 0] + apart[:, 1] * normal[:, 1]
-    return Points(row, first, second, normal, on1, on2, touching.depth[use], closing)
+def contact_points(words: bytes, numbers: bytes, pose: Array, velocity: Array) -> Points:
+    """One row a point of a step's contacts; pose and velocity (N, 3) of all objects."""
+    a, b, count = np.frombuffer(words, np.int64).reshape(-1, WORDS).T
+    flat, row = np.frombuffer(numbers), np.repeat(np.arange(len(a)), count)
+    place = NUMBERS * row + _ON_FIRST[0]
+    place[1:][row[1:] == row[:-1]] += _ON_FIRST[2] - _ON_FIRST[0]
+    first, second, normal = a.take(row), b.take(row), flat.reshape(-1, NUMBERS)[:, 2:4].take(row, axis=0)
+    on1, on2 = (flat.take(place[:, None] + _TWO + part) for part in (0, 2))
+    x1, y1 = _at(velocity, first, on1, pose)
+    x2, y2 = _at(velocity, second, on2, pose)
+    closing = (x1 - x2) * normal[:, 0] + (y1 - y2) * normal[:, 1]
+    return Points(row, first, second, normal, on1, on2, -flat.take(place + 4), closing)
 
 
-def _at(velocity: Array, objects: Index, points: Array, pose: Array) -> Array:
-    """(P, 2) px/s of points on bodies."""
-    v, arm = velocity[objects], points - pose[objects, :2]
-    out = v[:, :2].copy()
-    out[:, 0] -= v[:, 2] * arm[:, 1]
-    out[:, 1] += v[:, 2] * arm[:, 0]
-    return out
+def _at(velocity: Array, objects: Index, points: Array, pose: Array) -> tuple[Array, Array]:
+    """(P,) and (P,) px/s of points (P, 2) on bodies."""
+    vx, vy, spin = velocity.take(objects, axis=0).T
+    x, y, _ = pose.take(objects, axis=0).T
+    return vx - spin * (points[:, 1] - y), vy + spin * (points[:, 0] - x)
 
 
 def point_at_closing(

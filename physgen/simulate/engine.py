@@ -30,7 +30,6 @@ from physgen.simulate.contacts import (
     contact_points,
     contacts_jumped,
     new_contacts,
-    touching,
 )
 from physgen.simulate.forces import (
     EnergyEvent,
@@ -515,16 +514,16 @@ class Stepper:
         rows = range(len(words) // CONTACT_BYTES) if new is None else new
         if len(rows) <= FEW and not any_closes(words, numbers, rows, wide, fast, threshold):
             return None
-        touch = touching(words, numbers)
-        points = contact_points(touch, wide, fast)
+        points = contact_points(words, numbers, wide, fast)
         if not (points.closing > threshold).any():
             return None
         were = words if first else self._words
-        touched = np.ones(len(touch.first), bool)
+        touched = np.ones(len(words) // CONTACT_BYTES, bool)
         touched[[*new_contacts(words, were)]] = False
-        points = replace(points, closing=np.where((new is None) | ~touched[points.row], points.closing, 0.0))
-        if not (points.closing > threshold).any():
-            return None
+        if new is not None:
+            points.closing[touched[points.row]] = 0.0
+            if not (points.closing > threshold).any():
+                return None
         drift = np.zeros((len(wide), 2))
         drift[: len(self._dynamic)] = self._lasting.drift(load)
         drift[np.frombuffer(were, np.int64).reshape(-1, WORDS)[:, :2]] = 0.0
