@@ -351,8 +351,8 @@ class Stepper:
         self._calm = True
         self._begun: Begun | None = None
         """Forces and outcome of the next step, where it was taken already."""
-        self._speeds = np.zeros((len(space.moving), 3)), np.zeros((len(space.moving), 3))
-        """(M, 3): velocities after the last step, and within it."""
+        self._within: tuple[Array | None, bytes] = np.zeros((len(space.moving), 3)), b""
+        """Velocities within the last step; None: those of the state before it."""
         self.suspicious = self.stirred = True
         """Whether velocities were changed since the last step: what touches may close, what was slow may be fast."""
         self.steps = self.impacts = 0
@@ -371,10 +371,15 @@ class Stepper:
         return pose, velocity
 
     @property
+    def within(self) -> Array:
+        """(M, 3): velocities within the last step."""
+        velocity, before = self._within
+        return np.frombuffer(before).reshape(-1, 6)[:, 3:] if velocity is None else velocity
+
+    @property
     def pull(self) -> Array:
         """(M, 3): change of the velocities in the last step."""
-        after, within = self._speeds
-        return after - within
+        return self.state()[:, 3:] - self.within
 
     def fit(self, pose: Array, velocity: Array) -> tuple[Array, float]:
         """Velocities (N, 3) that joints allow, and the energy of what they forbid, which is lost at once."""
@@ -403,7 +408,8 @@ class Stepper:
             load = self._lasting.push(placed, end, h, first=first, alone=alone)
             every = len(load.total) == len(placed)
             self._space.push(load.total if every else load.total[self._space.moving])
-        self._space.brake(self._lasting.torques)
+        if self._lasting.accounts:
+            self._space.brake(self._lasting.torques)
         return load, *self._space.step(h)
 
     def _leaps(self, numbers: bytes) -> bool:
@@ -479,14 +485,12 @@ class Stepper:
             self._space.place(exact)
             states = exact.tobytes()
         self.stirred |= not self._calm
-        velocity = np.frombuffer(states, np.float64).reshape(-1, 6)
-        used = before if before is not None else self.state()[:, 3:]
-        self._speeds = velocity[:, 3:], used
+        self._within = before, self._states
         self._words, self._numbers, self._states, self.suspicious = words, numbers, states, False
         settled = NOTHING
         if self._lasting.accounts:
             braked = self._space.braked()
-            settled = self._lasting.settle(load, used, velocity, (words, numbers), braked, h)
+            settled = self._lasting.settle(load, self.within, self.state(), (words, numbers), braked, h)
         if driven:
             settled = replace(settled, work=settled.work + driven)
         self._lasting.begin()

@@ -129,6 +129,7 @@ class Space:
         self._write_states = _batched(space, writer, _STATE, self._place_buffer)
         self._write_loads = _batched(space, writer, _LOAD, self._push_buffer)
         self._brakes: dict[Pair, tuple[pymunk.SimpleMotor, Any]] = {}
+        self._torques: dict[Pair, float] = {}
         self._sweeps = int(space.iterations)
         self._orders: dict[bytes, Order] = {}
         """By contacts as pymunk lists them: few lists come again and again."""
@@ -188,6 +189,9 @@ class Space:
     def brake(self, torques: Mapping[Pair, float]) -> None:
         """Let torques of at most so much resist the turning of one body against another or the world."""
         for key, torque in torques.items():
+            if torque == self._torques.get(key, -1.0):
+                continue
+            self._torques[key] = torque
             if key not in self._brakes:
                 other = self._anchor if key[1] < 0 else self._bodies[key[1]]
                 motor = pymunk.SimpleMotor(self._bodies[key[0]], other, 0.0)
@@ -197,7 +201,8 @@ class Space:
 
     def braked(self) -> dict[Pair, float]:
         """Size of the angular impulse that each brake gave in the last step, g·px²/s."""
-        return {key: lib.cpConstraintGetImpulse(motor) for key, (_, motor) in self._brakes.items()}
+        used = [(key, motor) for key, (_, motor) in self._brakes.items() if self._torques[key]]
+        return {key: lib.cpConstraintGetImpulse(motor) for key, motor in used}
 
 
 def _batched(space: pymunk.Space, name: str, fields: Flag, buffer: batch.Buffer) -> tuple[Any, Any, Any]:
