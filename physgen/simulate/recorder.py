@@ -308,25 +308,29 @@ class Recorder:
         center, mean, last = widen(pose), widen((before + after) / 2), widen(after)
         mean[:, self._scripted] = last[:, self._scripted]
 
-        def moving(of: Array, objects: Index) -> tuple[Array, Array]:
-            """(3, R) velocities and (2, R) centres of objects, columns that lie together."""
-            return np.ascontiguousarray(of[row, objects].T), np.ascontiguousarray(center[row, objects, :2].T)
+        at = [row * center.shape[1] + objects for objects in (first, second)]
 
-        def speed(motion: tuple[Array, Array], x: Array, y: Array) -> tuple[Array, Array]:
-            (vx, vy, spin), (cx, cy) = motion
+        def columns(of: Array, partner: int) -> Array:
+            """(3, R) of one partner of each contact."""
+            return np.ascontiguousarray(of.reshape(-1, 3).take(at[partner], axis=0).T)
+
+        centers = [columns(center, partner) for partner in (0, 1)]
+
+        def speed(motion: Array, partner: int, x: Array, y: Array) -> tuple[Array, Array]:
+            (vx, vy, spin), (cx, cy, _) = motion, centers[partner]
             return vx - spin * (y - cy), vy + spin * (x - cx)
 
         def along(one: tuple[Array, Array], other: tuple[Array, Array], way: Array) -> Array:
             return (one[0] - other[0]) * way[:, 0] + (one[1] - other[1]) * way[:, 1]
 
         # of two points, the one that opens after the step carried nothing (Signorini's condition)
-        ends1, ends2 = moving(last, first), moving(last, second)
+        ends1, ends2 = columns(last, 0), columns(last, 1)
         spots = [(points[:, k, 0], points[:, k, 1]) for k in (0, 1)]
-        opening = np.stack([along(speed(ends2, *at), speed(ends1, *at), normal) for at in spots])
+        opening = np.stack([along(speed(ends2, 1, *spot), speed(ends1, 0, *spot), normal) for spot in spots])
         share = np.clip(0.5 + (opening[1] - opening[0]) / (2 * self._even), 0.0, 1.0)
         share[count == 1] = 1.0
         where = [share * near + (1 - share) * far for near, far in zip(*spots, strict=True)]
-        v1, v2 = (speed(moving(mean, objects), *where) for objects in (first, second))
+        v1, v2 = (speed(columns(mean, partner), partner, *where) for partner in (0, 1))
         lost = -along(v1, v2, impulse)
         work = np.zeros(len(row))
         for objects, sign, v in ((first, -1.0, v1), (second, 1.0, v2)):
