@@ -228,7 +228,7 @@ def contact_points(words: bytes, numbers: bytes, pose: Array, velocity: Array) -
     place = NUMBERS * row + _ON_FIRST[0]
     place[1:][row[1:] == row[:-1]] += _ON_FIRST[2] - _ON_FIRST[0]
     first, second, normal = a.take(row), b.take(row), flat.reshape(-1, NUMBERS)[:, 2:4].take(row, axis=0)
-    on1, on2 = (flat.take(place[:, None] + [part, part + 1]) for part in (0, 2))
+    on1, on2 = (flat.take(np.add.outer(place, [part, part + 1])) for part in (0, 2))
     x1, y1 = _at(velocity, first, on1, pose)
     x2, y2 = _at(velocity, second, on2, pose)
     closing = (x1 - x2) * normal[:, 0] + (y1 - y2) * normal[:, 1]

@@ -61,6 +61,10 @@ class Order:
         self.words = listed.take(rows, axis=0).tobytes()
         # several pieces or segments, of which some touch at one and the same corner
         self._alike = np.flatnonzero(ranked[1:] == ranked[:-1]) + 1
+        self._runs: list[tuple[int, int]] = []
+        for k in self._alike.tolist():
+            start = self._runs.pop()[0] if self._runs and self._runs[-1][1] == k else k - 1
+            self._runs.append((start, k + 1))
         self._set(rows)
 
     def _set(self, rows: Index) -> None:
@@ -80,11 +84,12 @@ class Order:
             half, width = len(places) // 2, len(_PLACE)
             parts = range(0, half, width)
             if any(places[half + k : half + k + width] < places[k : k + width] for k in parts):
-                rows, corners = self.rows.copy(), flat.reshape(-1, NUMBERS)[:, _PLACE]
-                for run in np.split(alike, np.flatnonzero(np.diff(alike) > 1) + 1):
-                    part = rows[run[0] - 1 : run[-1] + 1]
-                    part[:] = sorted(part.tolist(), key=lambda k: corners[k].tolist())
-                self._set(rows)
+                rows, values = self.rows.tolist(), flat.tolist()
+                for start, end in self._runs:
+                    rows[start:end] = sorted(
+                        rows[start:end], key=lambda k: [values[NUMBERS * k + at] for at in _PLACE]
+                    )
+                self._set(np.array(rows, np.int64))
         return flat.reshape(-1, NUMBERS).take(self.rows, axis=0).tobytes() if self.mixed else numbers
 
 
