@@ -80,14 +80,25 @@ class Body:
         """
         if self.radius is not None:
             return 2 * self.radius
-        widths = [_width(piece) for piece in self.pieces]
-        size = max(widths)
-        wider: list[shapely.Polygon] = []
-        for width, piece in sorted(zip(widths, self.pieces, strict=True), key=lambda pair: -pair[0]):
-            beyond = shapely.distance(shapely.points(piece), shapely.union_all(wider)) > width
-            if beyond.any():
-                size = width
-            wider.append(shapely.Polygon(piece))
+        pairs = [(_width(piece), piece) for piece in self.pieces]
+        size = max(width for width, _ in pairs)
+        if len(pairs) == 1:
+            return size
+        pairs.sort(key=lambda pair: -pair[0])
+        corners = np.concatenate([piece for _, piece in pairs])
+        owner = np.repeat(np.arange(len(pairs)), [len(piece) for _, piece in pairs])
+        points, shapes = (
+            shapely.points(corners),
+            shapely.polygons(shapely.linearrings(corners, indices=owner)),
+        )
+        away = np.where(
+            owner[:, None] > np.arange(len(pairs)), shapely.distance(points[:, None], shapes), np.inf
+        )
+        for k, (width, _) in enumerate(pairs[1:], 1):
+            # a union takes long, and is needed only for what may be a limb
+            if away[owner == k].min(axis=1).max() > 0.999 * width:
+                beyond = shapely.distance(points[owner == k], shapely.union_all(shapes[:k]))
+                size = width if beyond.max() > width else size
         return size
 
 

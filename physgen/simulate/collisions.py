@@ -8,7 +8,6 @@ time, so the rounds use plain numbers, and only bodies that an impact has moved 
 
 from __future__ import annotations
 
-from bisect import bisect_left, bisect_right
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -217,8 +216,7 @@ class ImpactSolver:
         self._exact = TUNING.exact if len(points.first) < TUNING.crowd else TUNING.nearly
         both = np.concatenate([points.first, points.second])
         order = np.argsort(both, kind="stable")
-        self._owner: list[int] = both[order].tolist()
-        self._listed: list[int] = (order % len(points.first)).tolist()
+        self._owner, self._listed = both[order], order % len(points.first)
         self._points: dict[int, Point] = {}
         self._v: dict[int, list[float]] = {}
         self._shift: dict[int, list[float]] = {}
@@ -268,7 +266,9 @@ class ImpactSolver:
         """Points at a body that can move; a wall is no messenger."""
         if not self._free(body):
             return []
-        return self._listed[bisect_left(self._owner, body) : bisect_right(self._owner, body)]
+        begin, end = self._owner.searchsorted([body, body + 1])
+        found: list[int] = self._listed[begin:end].tolist()
+        return found
 
     def _speeds(self, body: int) -> list[float]:
         if body not in self._v:
@@ -410,7 +410,8 @@ class ImpactSolver:
 
     def _drive(self, p: Point) -> tuple[float, float]:
         """px/s, along the normal and the surface, of the first's point less the second's, where they are scripted."""
-        leaves, slides = p.motion(
-            *([0.0] * 3 if self._free(body) else self._speeds(body) for body in (p.a, p.b))
-        )
+        sides = [[0.0] * 3 if self._free(body) else self._speeds(body) for body in (p.a, p.b)]
+        if not (any(sides[0]) or any(sides[1])):
+            return 0.0, 0.0
+        leaves, slides = p.motion(*sides)
         return -leaves, -slides

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from functools import lru_cache
+from functools import cache, lru_cache
 from math import hypot, isnan
 from struct import Struct
 
@@ -21,7 +21,7 @@ WORDS, NUMBERS = 3, 14
 """Integers and floats of one contact."""
 CONTACT_BYTES = 8 * WORDS
 """Of the integers."""
-_WORDS, _NUMBERS, _NORMAL = Struct(f"={WORDS}q"), Struct(f"={NUMBERS}d"), Struct("=4d")
+_WORDS, _NUMBERS = Struct(f"={WORDS}q"), Struct(f"={NUMBERS}d")
 _ON_FIRST, _ON_SECOND, _DISTANCE = ([4, 5, 9, 10], [6, 7, 11, 12], [8, 13])
 
 
@@ -45,10 +45,10 @@ class Touching:
     """(K, 2) px of overlap."""
 
 
-def touching(words: bytes, numbers: bytes | None) -> Touching:
-    """Contacts of one or more steps, in their order; without numbers, only the partners and counts."""
+def touching(words: bytes, numbers: bytes) -> Touching:
+    """Contacts of one or more steps, in their order."""
     ints = np.frombuffer(words, np.int64).reshape(-1, WORDS)
-    rows = np.zeros((len(ints), NUMBERS)) if numbers is None else np.frombuffer(numbers).reshape(-1, NUMBERS)
+    rows = np.frombuffer(numbers).reshape(-1, NUMBERS)
     return Touching(
         first=ints[:, 0],
         second=ints[:, 1],
@@ -61,14 +61,20 @@ def touching(words: bytes, numbers: bytes | None) -> Touching:
     )
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=512)
 def new_contacts(words: bytes, before: bytes) -> Sequence[int]:
-    """Rows of contacts whose partners and count of points are not among those before."""
-    now, then = (np.frombuffer(listed, np.int64).reshape(-1, WORDS) for listed in (words, before))
-    key, known = ((ints[:, 0] << 32 | ints[:, 1]) << 2 | ints[:, 2] for ints in (now, then))
-    known = np.append(known, -1)  # both rise: contacts are in the order of their partners and counts
-    found: list[int] = np.flatnonzero(known[np.searchsorted(known[:-1], key)] != key).tolist()
+    """Rows of contacts whose partners, in whichever order, and count of points are not among those before."""
+    now, then = _pairs(words), np.sort(_pairs(before))
+    at = then.searchsorted(now)
+    at[at == len(then)] = 0
+    found: list[int] = np.flatnonzero(then.take(at) != now).tolist() if len(then) else list(range(len(now)))
     return found
+
+
+@lru_cache(maxsize=256)
+def _pairs(words: bytes) -> Index:
+    first, second, count = np.frombuffer(words, np.int64).reshape(-1, WORDS).T
+    return np.asarray((np.minimum(first, second) << 32 | np.maximum(first, second)) << 2 | count)
 
 
 def any_closes(
@@ -90,20 +96,31 @@ def any_closes(
     return False
 
 
-def normal_impulse(numbers: bytes, k: int) -> float:
-    """g·px/s that pressed the partners of contact `k` apart."""
-    ix, iy, nx, ny = _NORMAL.unpack_from(numbers, k * _NUMBERS.size)
-    return abs(float(ix * nx + iy * ny))
+def normal_impulses(numbers: list[float], rows: Sequence[int]) -> list[float]:
+    """g·px/s that pressed the partners of some contacts apart, rising; numbers (14 K,)."""
+    found = []
+    for k in rows:
+        ix, iy, nx, ny = numbers[NUMBERS * k : NUMBERS * k + 4]
+        found.append(abs(ix * nx + iy * ny))
+    found.sort()
+    return found
 
 
-def contact_places(numbers: bytes) -> Array:
-    """(K, 9) px: where contacts are, on both partners."""
-    return np.frombuffer(numbers).reshape(-1, NUMBERS)[:, 4:13]
+@cache
+def _corners(count: int) -> Array:
+    """(14 K,): 1 for the numbers of K contacts that are places."""
+    return np.tile(np.repeat([0.0, 1.0, 0.0], [4, 9, 1]), count)
 
 
 def contacts_jumped(now: Array, before: Array) -> bool:
-    """Whether contacts of the same pairs, in the same order, are elsewhere at once: another corner has come down."""
-    return len(now) == len(before) > 0 and float(np.abs(now - before).max()) > LEAP
+    """Whether contacts of the same pairs, in the same order, are elsewhere at once: another corner has come down.
+
+    now, before (14 K,): their numbers.
+    """
+    if not len(now) == len(before) > 0:
+        return False
+    off = (now - before) * _corners(len(now) // NUMBERS)
+    return float(np.maximum.reduce(np.abs(off))) > LEAP
 
 
 @dataclass(frozen=True)
@@ -124,9 +141,16 @@ class Points:
     """(P,) px/s at which they close, by velocities before contacts."""
 
     def sorted(self) -> Points:
-        """By objects, pairs of shapes and place."""
-        place = self.on_first
-        order = np.lexsort((place[:, 1], place[:, 0], self.row, self.second, self.first))
+        """By objects, pairs of shapes and place: the first two sorted already."""
+        x, y = self.on_first.T
+        # contacts come sorted but for the two points of one
+        second = np.flatnonzero(self.row[1:] == self.row[:-1]) + 1
+        ahead = (x[second] < x[second - 1]) | ((x[second] == x[second - 1]) & (y[second] < y[second - 1]))
+        if not ahead.any():
+            return self
+        order = np.arange(len(x))
+        order[second[ahead]] -= 1
+        order[second[ahead] - 1] += 1
         return Points(*(getattr(self, field.name)[order] for field in fields(self)))
 
     def earlier(self, own: Flags, touched: Flags, h: float) -> Array:
@@ -197,24 +221,25 @@ class Point:
         return self.leaving(va, vb), slides
 
 
-def contact_points(touching: Touching, pose: Array, velocity: Array) -> Points:
-    """One row a point; pose and velocity (N, 3) of all objects."""
-    use = np.arange(2) < touching.count[:, None]
-    row = np.repeat(np.arange(len(use)), touching.count)
-    first, second, normal = touching.first[row], touching.second[row], touching.normal[row]
-    on1, on2 = touching.on_first[use], touching.on_second[use]
-    apart = _at(velocity, first, on1, pose) - _at(velocity, second, on2, pose)
-    closing = apart[:, 0] * normal[:, 0] + apart[:, 1] * normal[:, 1]
-    return Points(row, first, second, normal, on1, on2, touching.depth[use], closing)
+def contact_points(words: bytes, numbers: bytes, pose: Array, velocity: Array) -> Points:
+    """One row a point of a step's contacts; pose and velocity (N, 3) of all objects."""
+    a, b, count = np.frombuffer(words, np.int64).reshape(-1, WORDS).T
+    flat, row = np.frombuffer(numbers), np.repeat(np.arange(len(a)), count)
+    place = NUMBERS * row + _ON_FIRST[0]
+    place[1:][row[1:] == row[:-1]] += _ON_FIRST[2] - _ON_FIRST[0]
+    first, second, normal = a.take(row), b.take(row), flat.reshape(-1, NUMBERS)[:, 2:4].take(row, axis=0)
+    on1, on2 = (flat.take(np.add.outer(place, [part, part + 1])) for part in (0, 2))
+    x1, y1 = _at(velocity, first, on1, pose)
+    x2, y2 = _at(velocity, second, on2, pose)
+    closing = (x1 - x2) * normal[:, 0] + (y1 - y2) * normal[:, 1]
+    return Points(row, first, second, normal, on1, on2, -flat.take(place + 4), closing)
 
 
-def _at(velocity: Array, objects: Index, points: Array, pose: Array) -> Array:
-    """(P, 2) px/s of points on bodies."""
-    v, arm = velocity[objects], points - pose[objects, :2]
-    out = v[:, :2].copy()
-    out[:, 0] -= v[:, 2] * arm[:, 1]
-    out[:, 1] += v[:, 2] * arm[:, 0]
-    return out
+def _at(velocity: Array, objects: Index, points: Array, pose: Array) -> tuple[Array, Array]:
+    """(P,) and (P,) px/s of points (P, 2) on bodies."""
+    vx, vy, spin = velocity.take(objects, axis=0).T
+    x, y, _ = pose.take(objects, axis=0).T
+    return vx - spin * (points[:, 1] - y), vy + spin * (points[:, 0] - x)
 
 
 def point_at_closing(

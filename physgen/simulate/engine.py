@@ -23,15 +23,13 @@ from physgen.scene.scene import Motion
 from physgen.simulate.collisions import Impacts, ImpactSolver, StepMotion, WorkBudget
 from physgen.simulate.contacts import (
     CONTACT_BYTES,
+    WORDS,
     Array,
     ContactProperties,
-    Touching,
     any_closes,
-    contact_places,
     contact_points,
     contacts_jumped,
     new_contacts,
-    touching,
 )
 from physgen.simulate.forces import (
     EnergyEvent,
@@ -65,6 +63,8 @@ MOST_PARTS = 1024
 ATTEMPTS = 8
 """Times that a step is taken again because impacts changed what it does."""
 NOTHING = EnergyFlow(0.0, 0.0, None)
+GLIDE = 8
+"""Steps after which speeds are looked at again."""
 FEW = 12
 """Contacts up to which plain numbers are quicker than arrays."""
 
@@ -140,9 +140,9 @@ class Running:
                 self._start()
             last = ceil(until / self._base - 1e-9)
             while self._number < last and not enough():
-                self._number += 1
-                self._advance((self._number - 1) * self._base, self._number * self._base)
-                if self._number % 256 == 0:
+                before = self._number
+                self._advance(last)
+                if self._number // 256 > before // 256:
                     progress("simulate", self._ledger.done, len(self.times))
 
     def read(self) -> None:
@@ -216,25 +216,46 @@ class Running:
             self._tape.begin(self._ledger, step, pose, shown, roll)
         self._ledger.begin(step, pose, shown, roll)
 
-    def _advance(self, begin: float, end: float) -> None:
-        """A base step, in as many parts as it needs."""
+    def _advance(self, last: int) -> None:
+        """A base step, in as many parts as it needs; or several, up to the last, in which nothing happens."""
+        begin, end = self._number * self._base, (self._number + 1) * self._base
         h = end - begin
         parts = self._stiff
         if not self._reach.watchful and (
-            self._stepper.stirred or self._restless or self._stepper.steps % 8 == 0
+            self._stepper.stirred or self._restless or self._stepper.steps % GLIDE == 0
         ):
             self._stepper.stirred = False
-            self._reach.look(self._ahead(end, h), h * 8, self._gravity, h)
+            self._reach.look(self._ahead(end, h), h * GLIDE, self._gravity, h)
         if self._reach.watchful:
             parts = max(parts, self._reach.parts(self._ahead(end, h), h))
         if self._loads.steers:
             pace = self._loads.pace(*self._stepper.everybody(self._stepper.state()))
             parts = max(parts, min(MOST_PARTS, ceil(pace * h / PHASE)))
+        if parts == 1 and not self._reach.watchful and not self._restless and self._glide(last):
+            return
+        self._number += 1
         if parts > 1:
             self._divided += 1
             self._most_parts = max(self._most_parts, parts)
         for part in range(parts):
             self._part(begin + h * part / parts, h / parts)
+
+    def _glide(self, last: int) -> bool:
+        """Steps, up to the last, in which nothing happens; whether there were any."""
+        begun = self._number
+        while self._number < last:
+            begin = self._number * self._base
+            h = (self._number + 1) * self._base - begin
+            if abs(h - self._h) > 1e-9 * h or self._kicks.due(begin + h):
+                break
+            step = self._stepper.glide(begin + h, h)
+            if step is None:
+                break
+            self._number += 1
+            self._record(step, h)
+            if self._stepper.steps % GLIDE == 0:
+                break
+        return self._number > begun
 
     def _ahead(self, end: float, h: float) -> Array:
         """The state (M, 6), scripted bodies with the fastest of this step and the next."""
@@ -270,6 +291,9 @@ class Running:
         step = self._stepper.take(end, h, state, kicks)
         if step.impacts:
             self._governor.note(sum(len(impact.first) for impact in step.impacts))
+        self._record(step, h)
+
+    def _record(self, step: Step, h: float) -> None:
         if self._tape is not None:
             self._tape.add(step)
         if self._ledger.add(step):
@@ -292,6 +316,10 @@ class Running:
             state[:, :3] -= change * since
         self._stepper.suspicious = self._stepper.stirred = True
         return given
+
+
+Begun = tuple[Forces | None, bytes, bytes, bytes]
+"""Forces of a step; states, words and numbers of contacts that they led to."""
 
 
 class Stepper:
@@ -319,10 +347,12 @@ class Stepper:
         self._wide = np.concatenate([self._center, np.zeros((len(walls), 3))])
         self._fast = np.zeros_like(self._wide)
         self._cornered = any(b.radius is None for b in bodies)
-        self._words, self._places, self._states = b"", contact_places(b""), b""
+        self._words = self._numbers = self._states = b""
         self._calm = True
-        self._speeds = np.zeros((len(space.moving), 3)), np.zeros((len(space.moving), 3))
-        """(M, 3): velocities after the last step, and within it."""
+        self._begun: Begun | None = None
+        """Forces and outcome of the next step, where it was taken already."""
+        self._within: tuple[Array | None, bytes] = np.zeros((len(space.moving), 3)), b""
+        """Velocities within the last step; None: those of the state before it."""
         self.suspicious = self.stirred = True
         """Whether velocities were changed since the last step: what touches may close, what was slow may be fast."""
         self.steps = self.impacts = 0
@@ -334,15 +364,22 @@ class Stepper:
 
     def everybody(self, state: Array) -> tuple[Array, Array]:
         """Poses and velocities (N, 3) of all bodies where the state (M, 6) is that of those that move."""
+        if len(state) == len(self._center):
+            return state[:, :3].copy(), state[:, 3:].copy()
         pose, velocity = self._center.copy(), np.zeros_like(self._center)
         pose[self._space.moving], velocity[self._space.moving] = state[:, :3], state[:, 3:]
         return pose, velocity
 
     @property
+    def within(self) -> Array:
+        """(M, 3): velocities within the last step."""
+        velocity, before = self._within
+        return np.frombuffer(before).reshape(-1, 6)[:, 3:] if velocity is None else velocity
+
+    @property
     def pull(self) -> Array:
         """(M, 3): change of the velocities in the last step."""
-        after, within = self._speeds
-        return after - within
+        return self.state()[:, 3:] - self.within
 
     def fit(self, pose: Array, velocity: Array) -> tuple[Array, float]:
         """Velocities (N, 3) that joints allow, and the energy of what they forbid, which is lost at once."""
@@ -352,41 +389,55 @@ class Stepper:
         weight = 1 / self._inverse[self._dynamic]
         return allowed, float((weight * (velocity**2 - allowed**2)[self._dynamic]).sum() / 2)
 
+    def glide(self, end: float, h: float) -> Step | None:
+        """The step to the time `end` where nothing happens in it; else it is kept for `take`."""
+        if self.suspicious or self._begun or (self._governor.crowded and not self._calm):
+            return None
+        self._space.iterations = self._governor.sweeps
+        _, _, words, numbers = self._begun = self._begin(end, h, None)
+        if self._leaps(numbers) or (words != self._words and new_contacts(words, self._words)):
+            return None
+        return self._end(end, h, None, None, None, [], [])
+
+    def _begin(self, end: float, h: float, state: Array | None, first: bool = False) -> Begun:
+        """Take the step to `end` as things are, or as the state (M, 6) that was placed."""
+        load: Forces | None = None
+        if self._lasting.pushes:
+            placed = self.state() if state is None else state
+            alone = state is None and not self._words and not self._joined.busy
+            load = self._lasting.push(placed, end, h, first=first, alone=alone)
+            every = len(load.total) == len(placed)
+            self._space.push(load.total if every else load.total[self._space.moving])
+        if self._lasting.accounts:
+            self._space.brake(self._lasting.torques)
+        return load, *self._space.step(h)
+
+    def _leaps(self, numbers: bytes) -> bool:
+        """Whether a contact is elsewhere at once."""
+        return self._cornered and contacts_jumped(np.frombuffer(numbers), np.frombuffer(self._numbers))
+
     def take(
         self, end: float, h: float, state: Array | None, kicks: list[EnergyEvent], first: bool = False
     ) -> Step:
         """Step to the time `end`; again, with other velocities, where impacts fall. state (M, 6): as placed."""
-        self.steps += 1
-        M = len(self._space.moving)
         before = None if state is None else state[:, 3:].copy()
         original: Array | None = None
         impacts: list[Impacts] = []
-        self._lasting.begin()
         probing = self._governor.crowded and not self._calm
         if probing and state is None:
             state = self.state().copy()
         self._space.iterations = 1 if probing else self._governor.sweeps
         for attempt in range(ATTEMPTS):
-            load: Forces | None = None
-            if self._lasting.pushes:
-                placed = self.state() if state is None else state
-                alone = state is None and not self._words and not self._joined.busy
-                load = self._lasting.push(placed, end, h, first=first, alone=alone)
-                self._space.push(load.total if len(load.total) == M else load.total[self._space.moving])
-            self._space.brake(self._lasting.torques)
-            states, words, numbers = self._space.step(h)
+            load, states, words, numbers = self._begun = self._begun or self._begin(end, h, state, first)
             impact = None
-            places = contact_places(numbers) if self._cornered else self._places
-            leap = self._cornered and contacts_jumped(places, self._places)
-            surprise = self.suspicious or leap
             # the last try is taken as it comes: what still closes then does not bounce
             new: Sequence[int] | None = None
-            if not surprise:  # the first step is one, too
+            if not (self.suspicious or self._leaps(numbers)):  # the first step is one, too
                 new = new_contacts(words, self._words) if words != self._words else ()
             if attempt < ATTEMPTS - 1 and (new is None or new):
                 if state is None:
                     state = self.state().copy()
-                after = np.frombuffer(states, np.float64).reshape(M, 6)
+                after = np.frombuffer(states, np.float64).reshape(-1, 6)
                 motion = after[:, :3], state[:, 3:]
                 impact = self._strike(*motion, words, numbers, h, new, first, load)
             if impact is None and not probing:
@@ -402,34 +453,47 @@ class Stepper:
                 before = state[:, 3:].copy()
                 state[:, :3] = after[:, :3] + impact.shift[moving] - before * h
             self._space.iterations = self._governor.sweeps if impact is None else self._governor.after_impacts
-            probing = False
+            probing, self._begun = False, None
             self._space.place(state)
+        return self._end(end, h, state, before, original, impacts, kicks, 0.5 if first else 1.0)
+
+    def _end(
+        self,
+        end: float,
+        h: float,
+        state: Array | None,
+        before: Array | None,
+        original: Array | None,
+        impacts: list[Impacts],
+        kicks: list[EnergyEvent],
+        strength: float = 1.0,
+    ) -> Step:
+        """The step that was begun, once it is as it will stay; motors had part of their strength."""
+        assert self._begun is not None
+        (load, states, words, numbers), self._begun = self._begun, None
+        self.steps += 1
         self._calm = original is None
         driven = 0.0
         if self._joined.busy or (state is not None and not self._calm):
-            exact = np.frombuffer(states, np.float64).reshape(M, 6).copy()
+            exact = np.frombuffer(states, np.float64).reshape(-1, 6).copy()
             if state is not None and not self._calm:
                 # the first try pushed overlaps apart that the impacts have undone
                 exact[:, :3] = state[:, :3] + state[:, 3:] * h
             if self._joined.busy:
-                strength = 0.5 if first else 1.0  # of motors
                 held, driven = self._joined.hold(*self.everybody(exact), self._inverse, h, strength)
                 exact[:, 3:] = held[self._space.moving]
             self._space.place(exact)
             states = exact.tobytes()
         self.stirred |= not self._calm
-        self._words, self.suspicious = words, False
-        self._places = places
-        velocity = np.frombuffer(states, np.float64).reshape(M, 6)
-        used = before if before is not None else self.state()[:, 3:]
-        self._speeds = velocity[:, 3:], used
+        self._within = before, self._states
+        self._words, self._numbers, self._states, self.suspicious = words, numbers, states, False
         settled = NOTHING
         if self._lasting.accounts:
             braked = self._space.braked()
-            settled = self._lasting.settle(load, used, velocity, (words, numbers), braked, h)
+            settled = self._lasting.settle(load, self.within, self.state(), (words, numbers), braked, h)
         if driven:
             settled = replace(settled, work=settled.work + driven)
-        self._states = states
+        self._lasting.begin()
         return Step(end, states, words, numbers, before, original, impacts, settled, kicks)
 
     def _strike(
@@ -454,26 +518,20 @@ class Stepper:
         rows = range(len(words) // CONTACT_BYTES) if new is None else new
         if len(rows) <= FEW and not any_closes(words, numbers, rows, wide, fast, threshold):
             return None
-        touch = touching(words, numbers)
-        points = contact_points(touch, wide, fast)
+        points = contact_points(words, numbers, wide, fast)
         if not (points.closing > threshold).any():
             return None
-        objects = len(wide)
-        was = touch if first else touching(self._words, None)
-        touched = np.isin(_pairs(touch, objects), _pairs(was, objects))
-        points = replace(points, closing=np.where((new is None) | ~touched[points.row], points.closing, 0.0))
-        if not (points.closing > threshold).any():
-            return None
-        drift = np.zeros((objects, 2))
+        were = words if first else self._words
+        touched = np.ones(len(words) // CONTACT_BYTES, bool)
+        touched[[*new_contacts(words, were)]] = False
+        if new is not None:
+            points.closing[touched[points.row]] = 0.0
+            if not (points.closing > threshold).any():
+                return None
+        drift = np.zeros((len(wide), 2))
         drift[: len(self._dynamic)] = self._lasting.drift(load)
-        drift[was.first] = drift[was.second] = 0.0
+        drift[np.frombuffer(were, np.int64).reshape(-1, WORDS)[:, :2]] = 0.0
         drift[self._held] = 0.0
         motion = StepMotion(wide, fast, drift)
         solver = ImpactSolver(self._properties, self._joined, motion, points, touched, h, threshold)
         return solver.run(self.budget)
-
-
-def _pairs(touch: Touching, objects: int) -> Index:
-    """(K,): one number for the partners, in whichever order, and the count of points of each contact."""
-    low, high = np.minimum(touch.first, touch.second), np.maximum(touch.first, touch.second)
-    return (low * objects + high) * 4 + touch.count

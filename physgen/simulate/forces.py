@@ -112,11 +112,11 @@ class ForceFields:
         self._lightness = np.divide(1.0, self._mass, out=np.zeros(self._N), where=dynamic)
         moment = np.array([b.moment for b in bodies])
         self._ease = np.divide(1.0, moment, out=np.zeros(self._N), where=dynamic)
-        self._width = np.array([2 * np.sqrt(_area(b) / pi) for b in bodies])
         self._pushes = [p for p in world.pushes if p.load is not Load.IMPULSE and dynamic[p.body]]
         self._springs = spring_joints(world)
         self._winds = [f for f in world.fields if f.kind is FieldKind.WIND]
         self._attractors = [f for f in world.fields if f.kind is FieldKind.ATTRACTOR]
+        self._width = np.array([2 * np.sqrt(_area(b) / pi) for b in bodies if self._winds])
         self._dampers: dict[int, int] = {}
         for spring in self._springs:
             for body in (spring.first, spring.second):
@@ -282,7 +282,7 @@ class StepForces:
         """Whether a step has to be settled."""
 
     def begin(self) -> None:
-        """A new step: a step that is taken again starts from here."""
+        """The next step: one that is taken again starts from here."""
         self._roll_before = self.roll
 
     @property

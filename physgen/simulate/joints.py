@@ -47,6 +47,11 @@ class Assemblies:
             self._members.setdefault(group, []).append(body)
         for members in self._members.values():
             members.sort()
+        # what is not dynamic has a place in the system, too, and does not yield
+        self._held = [
+            (joints, sorted({b for joint in joints for b in (joint.first, joint.second) if b is not None}))
+            for _, joints in sorted(self._joints.items())
+        ]
 
     def of(self, body: int) -> int | None:
         """The group that a body belongs to; None for one that no joint holds."""
@@ -71,17 +76,15 @@ class Assemblies:
         """
         velocity, work, motors = velocity.copy(), 0.0, strength is not None
         spots = _Spots(pose)
-        for _, joints in sorted(self._joints.items()):
-            # what is not dynamic has a place in the system, too, and does not yield
-            bodies = sorted({b for joint in joints for b in (joint.first, joint.second) if b is not None})
+        for joints, bodies in self._held:
             place = {body: 3 * k for k, body in enumerate(bodies)}
             rows: list[list[float]] = []
             wanted: list[float] = []
             limits: list[float] = []
             for joint in joints:
-                mine = _rows(joint, place, spots, 3 * len(bodies))
+                mine, off = _rows(joint, place, spots, 3 * len(bodies))
                 rows += mine
-                wanted += [-off / h if motors else 0.0 for off in _error(joint, spots)[: len(mine)]]
+                wanted += [-one / h if motors else 0.0 for one in off]
                 limits += [inf] * len(mine)
                 if motors and joint.kind is JointKind.MOTOR:
                     turn = [0.0] * (3 * len(bodies))
@@ -132,7 +135,7 @@ class Assemblies:
             row
             for group in groups
             for joint in self._joints[group]
-            for row in _rows(joint, place, spots, size)
+            for row in _rows(joint, place, spots, size)[0]
         ]
         J = np.array(rows)
         give = J @ free
@@ -157,8 +160,12 @@ def _few_changes(
         y.append((goal - sum(map(mul, row, before)) - sum(map(mul, line, y))) / sqrt(left))
         lower.append([*line, sqrt(left)])
     for k in reversed(range(len(y))):
-        y[k] = (y[k] - sum(lower[i][k] * y[i] for i in range(k + 1, len(y)))) / lower[k][k]
-    return [m * sum(map(mul, y, column)) for m, column in zip(light, zip(*rows, strict=True), strict=True)]
+        above = 0.0
+        for i in range(k + 1, len(y)):
+            above += lower[i][k] * y[i]
+        y[k] = (y[k] - above) / lower[k][k]
+    columns = zip(light, zip(*rows, strict=True), strict=True)
+    return [m * sum(map(mul, y, column)) if m else 0.0 for m, column in columns]
 
 
 def _solved(matrix: Array, goal: Array) -> Array:
@@ -188,26 +195,27 @@ class _Spots:
         return c * x - s * y, s * x + c * y
 
 
-def _error(joint: Joint, spots: _Spots) -> list[float]:
-    """px, px and, of a weld, rad by which a joint's two sides are apart."""
-    (x, y, turn), (ax, ay) = spots.pose[joint.first], spots.arm(joint.first, joint.first_at)
-    (u, v), angle = joint.second_at.tolist(), 0.0
-    if joint.second is not None:
-        (u, v, angle), (bx, by) = spots.pose[joint.second], spots.arm(joint.second, joint.second_at)
-        u, v = u + bx, v + by
-    return [x + ax - u, y + ay - v, turn - angle]
-
-
-def _rows(joint: Joint, place: dict[int, int], spots: _Spots, size: int) -> list[list[float]]:
-    """Velocities that a joint keeps at nothing: of one side's pin against the other's, and of their turning."""
+def _rows(
+    joint: Joint, place: dict[int, int], spots: _Spots, size: int
+) -> tuple[list[list[float]], list[float]]:
+    """Velocities that a joint keeps at nothing, of one side's pin against the other's, and of their turning; and the
+    px, px and, of a weld, rad by which its two sides are apart."""
     rows = [[0.0] * size for _ in range(3 if joint.kind is JointKind.WELD else 2)]
+    off = [0.0, 0.0, 0.0]
     for body, at, sign in ((joint.first, joint.first_at, 1.0), (joint.second, joint.second_at, -1.0)):
-        if body is None or body not in place:
+        if body is None:
+            x, y = at.tolist()
+            off[0] -= x
+            off[1] -= y
             continue
-        k = place[body]
-        x, y = spots.arm(body, at)
+        if body not in place:
+            continue
+        k, (px, py, angle), (x, y) = place[body], spots.pose[body], spots.arm(body, at)
+        off[0] += sign * (px + x)
+        off[1] += sign * (py + y)
+        off[2] += sign * angle
         rows[0][k], rows[0][k + 2] = sign, -sign * y
         rows[1][k + 1], rows[1][k + 2] = sign, sign * x
         if len(rows) == 3:
             rows[2][k + 2] = sign
-    return rows
+    return rows, off[: len(rows)]

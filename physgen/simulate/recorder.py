@@ -308,25 +308,29 @@ class Recorder:
         center, mean, last = widen(pose), widen((before + after) / 2), widen(after)
         mean[:, self._scripted] = last[:, self._scripted]
 
-        def moving(of: Array, objects: Index) -> tuple[Array, Array]:
-            """(3, R) velocities and (2, R) centres of objects, columns that lie together."""
-            return np.ascontiguousarray(of[row, objects].T), np.ascontiguousarray(center[row, objects, :2].T)
+        at = [row * center.shape[1] + objects for objects in (first, second)]
 
-        def speed(motion: tuple[Array, Array], x: Array, y: Array) -> tuple[Array, Array]:
-            (vx, vy, spin), (cx, cy) = motion
+        def columns(of: Array, partner: int) -> Array:
+            """(3, R) of one partner of each contact."""
+            return np.ascontiguousarray(of.reshape(-1, 3).take(at[partner], axis=0).T)
+
+        centers = [columns(center, partner) for partner in (0, 1)]
+
+        def speed(motion: Array, partner: int, x: Array, y: Array) -> tuple[Array, Array]:
+            (vx, vy, spin), (cx, cy, _) = motion, centers[partner]
             return vx - spin * (y - cy), vy + spin * (x - cx)
 
         def along(one: tuple[Array, Array], other: tuple[Array, Array], way: Array) -> Array:
             return (one[0] - other[0]) * way[:, 0] + (one[1] - other[1]) * way[:, 1]
 
         # of two points, the one that opens after the step carried nothing (Signorini's condition)
-        ends1, ends2 = moving(last, first), moving(last, second)
+        ends1, ends2 = columns(last, 0), columns(last, 1)
         spots = [(points[:, k, 0], points[:, k, 1]) for k in (0, 1)]
-        opening = np.stack([along(speed(ends2, *at), speed(ends1, *at), normal) for at in spots])
+        opening = np.stack([along(speed(ends2, 1, *spot), speed(ends1, 0, *spot), normal) for spot in spots])
         share = np.clip(0.5 + (opening[1] - opening[0]) / (2 * self._even), 0.0, 1.0)
         share[count == 1] = 1.0
         where = [share * near + (1 - share) * far for near, far in zip(*spots, strict=True)]
-        v1, v2 = (speed(moving(mean, objects), *where) for objects in (first, second))
+        v1, v2 = (speed(columns(mean, partner), partner, *where) for partner in (0, 1))
         lost = -along(v1, v2, impulse)
         work = np.zeros(len(row))
         for objects, sign, v in ((first, -1.0, v1), (second, 1.0, v2)):
@@ -375,43 +379,49 @@ class Recorder:
         turns: Array,
     ) -> None:
         """Take the samples that fall into these steps; rolls (S + 1, N, 2), their vectors and turns where any rolls."""
-        T = len(self.times)
-        while self.done < T and self.times[self.done] <= ends[-1] + 1e-12:
-            time = float(self.times[self.done])
-            s = int(np.searchsorted(ends, time - 1e-12))
-            start = self._time if s == 0 else float(ends[s - 1])
-            pose0, mean0 = (self._pose, self._mean) if s == 0 else (pose[s - 1], mean[s - 1])
-            balance0 = self._smooth if s == 0 else smooth[s - 1]
-            h = float(ends[s]) - start
-            part = 1.0 if h <= 0 or time > ends[s] - 1e-9 * h else max(0.0, (time - start) / h)
-            x, v = pose0 + part * (pose[s] - pose0), mean0 + part * (mean[s] - mean0)
-            if 0.0 < part < 1.0 and steps[s].original is not None:
-                self._inside(steps[s], time, part * h, h, x, v, pose0, pose[s])
-            if self.scripts.busy:
-                self.scripts.sample(time, x, v)
-            k = self.done
-            roll = self._roll
-            if self._rolling:
-                roll = rolls[s] + part * (rolls[s + 1] - rolls[s])
-                self.turns[k] = then(
-                    quaternions_from_vectors(part * vectors[s]), turns[s - 1] if s else self._turn
-                )
-            self.poses[k], self.velocities[k], self.rolls[k] = x, v, roll
-            _refuse_infinities(self.world, x, v, time)
-            if not self.motion_only:
-                balance = balance0 + part * (smooth[s] - balance0)
-                self._balance[k] = (*self._energy(x, v, roll), *(balance + self._blown(time)))
-            self.done += 1
+        done, first = int(np.searchsorted(self.times, ends[-1] + 1e-12, side="right")), self.done
+        time = self.times[first:done]
+        s = np.searchsorted(ends, time - 1e-12)
+        fresh = s == 0
+
+        def start(of: Array, before: Array | float) -> Array:
+            begun = of[s - 1]
+            begun[fresh] = before
+            return begun
+
+        pose0, mean0, begin = start(pose, self._pose), start(mean, self._mean), start(ends, self._time)
+        h = ends[s] - begin
+        part = np.maximum(0.0, (time - begin) / np.maximum(h, 1e-300))
+        part[(h <= 0) | (time > ends[s] - 1e-9 * h)] = 1.0
+        along = part[:, None, None]
+        x, v = pose0 + along * (pose[s] - pose0), mean0 + along * (mean[s] - mean0)
+        for k in np.flatnonzero((part > 0) & (part < 1)).tolist():
+            step = steps[s[k]]
+            if step.original is not None:
+                self._inside(step, float(time[k]), part[k] * h[k], h[k], x[k], v[k], pose0[k], pose[s[k]])
+        if self.scripts.busy:
+            for k in range(len(time)):
+                self.scripts.sample(float(time[k]), x[k], v[k])
+        roll = self._roll[None]
+        if self._rolling:
+            roll = rolls[s] + along * (rolls[s + 1] - rolls[s])
+            self.turns[first:done] = then(
+                quaternions_from_vectors(along * vectors[s]), start(turns, self._turn)
+            )
+        self.poses[first:done], self.velocities[first:done], self.rolls[first:done] = x, v, roll
+        _refuse_infinities(self.world, x, v, time)
+        if not self.motion_only:
+            balance0 = start(smooth, self._smooth)
+            blown = np.tile(self._spent, (len(time), 1))
+            for first_after, (_, *flow) in zip(
+                np.searchsorted(time + 1e-12, [at for at, _, _ in self._struck]), self._struck, strict=True
+            ):
+                blown[first_after:] += flow
+            balance = balance0 + part[:, None] * (smooth[s] - balance0) + blown
+            self._balance[first:done] = np.column_stack([*self._energy(x, v, roll), balance])
+        self.done = done
         for _, lost, work in self._struck:
             self._spent += np.array([lost, work])
-
-    def _blown(self, time: float) -> Array:
-        """Lost and work of all impacts up to a time."""
-        total = self._spent.copy()
-        for at, lost, work in self._struck:
-            if at <= time + 1e-12:
-                total += (lost, work)
-        return total
 
     def _inside(
         self, step: Step, time: float, since: float, h: float, x: Array, v: Array, pose0: Array, pose1: Array
@@ -429,13 +439,13 @@ class Recorder:
             v[bodies] = step.before[changed]
             x[bodies] = pose1[bodies] - step.before[changed] * (h - since)
 
-    def _energy(self, pose: Array, velocity: Array, roll: Array) -> tuple[float, float]:
-        """Kinetic and potential energy of the dynamic bodies."""
-        square = velocity[:, 0] ** 2 + velocity[:, 1] ** 2
-        turning = velocity[:, 2] ** 2 + (roll**2).sum(axis=1)
-        kinetic = float((self._mass * square + self._moment * turning).sum() / 2)
-        height = -float((self._mass * (pose[:, :2] @ self.world.gravity)).sum())
-        return kinetic, height + (self.loads.potential(pose) if self.loads.busy else 0.0)
+    def _energy(self, pose: Array, velocity: Array, roll: Array) -> tuple[Array, Array]:
+        """(S,) kinetic and potential energy of the dynamic bodies in S poses (S, N, 3)."""
+        square = velocity[..., 0] ** 2 + velocity[..., 1] ** 2
+        turning = velocity[..., 2] ** 2 + (roll**2).sum(axis=-1)
+        kinetic = (self._mass * square + self._moment * turning).sum(axis=1) / 2
+        height = -(self._mass * (pose[..., :2] @ self.world.gravity)).sum(axis=1)
+        return kinetic, height + [self.loads.potential(x) if self.loads.busy else 0.0 for x in pose]
 
     def energy(self) -> Energy:
         """At every sample."""
@@ -450,11 +460,12 @@ class Recorder:
         return self.turns if self._rolling else self.turns[:, :0]
 
 
-def _refuse_infinities(world: World, pose: Array, velocity: Array, time: float) -> None:
-    wrong = np.flatnonzero(~(np.isfinite(pose).all(axis=1) & np.isfinite(velocity).all(axis=1)))
-    if len(wrong):
-        expected = f"leaves all numbers by t = {time:.3f} s"
-        path = f"objects.{world.bodies[wrong[0]].name}"
+def _refuse_infinities(world: World, pose: Array, velocity: Array, times: Array) -> None:
+    wrong = np.argwhere(~(np.isfinite(pose).all(axis=2) & np.isfinite(velocity).all(axis=2))).tolist()
+    if wrong:
+        k, body = wrong[0]
+        expected = f"leaves all numbers by t = {times[k]:.3f} s"
+        path = f"objects.{world.bodies[body].name}"
         raise InputError([Problem(UNKNOWN_PLACE, path, "", expected, DIVERGED_FIX)])
 
 

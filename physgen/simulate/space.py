@@ -31,9 +31,6 @@ SEAM = 0.5
 STRAIGHT = 0.999
 """Cosine of the angle up to which two walls that meet make one smooth line."""
 
-Order = tuple[Index, list[tuple[int, int]], Index, bytes]
-"""(K,) the order of contacts by pairs and counts, runs that are alike in both, all of each run but its first, and the
-words in that order; an order that changes nothing is empty."""
 _PLACE = [4, 5, 9, 10, 0, 1, 2, 3]
 """Numbers of a contact by which those of one pair are sorted: points on both bodies, impulse, normal."""
 _STATE = BodyFields.POSITION | BodyFields.ANGLE | BodyFields.VELOCITY | BodyFields.ANGULAR_VELOCITY
@@ -53,6 +50,49 @@ _CONTACT = (
 )
 
 
+class Order:
+    """The order, by our numbers of bodies and counts of points, of contacts that pymunk lists in one way."""
+
+    def __init__(self, listed: Index) -> None:
+        """listed (K, 3): both partners and the count of points of each contact."""
+        key = (listed[:, 0] << 32 | listed[:, 1]) << 2 | listed[:, 2]
+        rows = np.argsort(key, kind="stable")
+        ranked = key.take(rows)
+        self.words = listed.take(rows, axis=0).tobytes()
+        # several pieces or segments, of which some touch at one and the same corner
+        self._alike = np.flatnonzero(ranked[1:] == ranked[:-1]) + 1
+        self._runs: list[tuple[int, int]] = []
+        for k in self._alike.tolist():
+            start = self._runs.pop()[0] if self._runs and self._runs[-1][1] == k else k - 1
+            self._runs.append((start, k + 1))
+        self._set(rows)
+
+    def _set(self, rows: Index) -> None:
+        self.rows = rows
+        """(K,): contacts in order."""
+        self.mixed = bool((rows[1:] < rows[:-1]).any())
+        """Whether that is not the order in which they are listed."""
+        if len(self._alike):
+            both = np.concatenate([rows[self._alike - 1], rows[self._alike]])
+            self._places = (NUMBERS * both[:, None] + _PLACE).ravel().astype(np.int64)
+
+    def sort(self, numbers: bytes) -> bytes:
+        """The numbers in order, which is changed where contacts of the same pairs have changed places."""
+        flat, alike = np.frombuffer(numbers), self._alike
+        if len(alike):
+            places = flat.take(self._places).tolist()
+            half, width = len(places) // 2, len(_PLACE)
+            parts = range(0, half, width)
+            if any(places[half + k : half + k + width] < places[k : k + width] for k in parts):
+                rows, values = self.rows.tolist(), flat.tolist()
+                for start, end in self._runs:
+                    rows[start:end] = sorted(
+                        rows[start:end], key=lambda k: [values[NUMBERS * k + at] for at in _PLACE]
+                    )
+                self._set(np.array(rows, np.int64))
+        return flat.reshape(-1, NUMBERS).take(self.rows, axis=0).tobytes() if self.mixed else numbers
+
+
 class Space:
     """One space in motion; states are (M, 6): x, y, angle, vx, vy, spin of the bodies that are not static."""
 
@@ -69,9 +109,11 @@ class Space:
         self._anchor = pymunk.Body(body_type=pymunk.Body.STATIC)
         space.add(self._anchor)
         _add_joints(space, world.joints, bodies, self._anchor)
-        ids = np.array([body.id for body in (*bodies, *walls)], np.uint64)
-        self._by_id = np.argsort(ids)
-        self._ids = ids[self._by_id]
+        # pymunk counts its bodies: these lie close together
+        ids = np.array([body.id for body in (*bodies, *walls, self._anchor)])
+        self._first_id = ids.min()
+        self._by_id = np.zeros(np.ptp(ids) + 1, np.int64)
+        self._by_id[ids - self._first_id] = np.arange(len(ids))
         self.moving = np.flatnonzero([body.motion is not Motion.STATIC for body in world.bodies])
         """(M,): bodies that the state lists, in order."""
         M = len(self.moving)
@@ -92,6 +134,7 @@ class Space:
         self._write_states = _batched(space, writer, _STATE, self._place_buffer)
         self._write_loads = _batched(space, writer, _LOAD, self._push_buffer)
         self._brakes: dict[Pair, tuple[pymunk.SimpleMotor, Any]] = {}
+        self._torques: dict[Pair, float] = {}
         self._sweeps = int(space.iterations)
         self._orders: dict[bytes, Order] = {}
         """By contacts as pymunk lists them: few lists come again and again."""
@@ -117,49 +160,18 @@ class Space:
         moved: bytes = ffi.buffer(states.arr, 48 * len(self.moving))[:]
         if not words.num:
             return moved, b"", b""
-        return (
-            moved,
-            *self._in_order(
-                ffi.buffer(words.arr, 8 * words.num)[:], ffi.buffer(numbers.arr, 8 * numbers.num)[:]
-            ),
-        )
-
-    def _in_order(self, listed: bytes, numbers: bytes) -> tuple[bytes, bytes]:
-        """Contacts by bodies and places; pymunk's ids and order are those of memory addresses."""
-        if listed not in self._orders:
-            if len(self._orders) >= 1000:
-                self._orders.clear()
-            self._orders[listed] = self._order(listed)
-        order, alike, later, words = self._orders[listed]
-        if not len(order):
-            return words, numbers
-        rows = np.frombuffer(numbers).reshape(-1, NUMBERS)
-        in_order = rows.take(order, axis=0)
-        if len(later):
-            # most lists come in the order of the last one; only places that tie need more than the first number
-            first = in_order[:, _PLACE[0]]
-            if (first.take(later) <= first.take(later - 1)).any():
-                places = rows[:, _PLACE].tolist()
-                for start, end in alike:
-                    order[start:end] = sorted(order[start:end].tolist(), key=places.__getitem__)
-                in_order = rows.take(order, axis=0)
-        return words, in_order.tobytes()
+        order = self._order(ffi.buffer(words.arr, 8 * words.num)[:])
+        return moved, order.words, order.sort(ffi.buffer(numbers.arr, 8 * numbers.num)[:])
 
     def _order(self, listed: bytes) -> Order:
-        """Contacts as pymunk lists them: their order by our numbers of bodies, runs of one pair in it, and words."""
-        words = np.frombuffer(listed, np.int64).reshape(-1, WORDS).copy()
-        words[:, :2] = self._by_id[np.searchsorted(self._ids, words[:, :2].view(np.uint64))]
-        key = (words[:, 0] << 32 | words[:, 1]) << 2 | words[:, 2]
-        order = np.argsort(key, kind="stable")
-        # several pieces or segments, of which some touch at one and the same corner
-        ranked, alike = key[order], list[tuple[int, int]]()
-        later = np.flatnonzero(ranked[1:] == ranked[:-1]) + 1
-        for k in later.tolist():
-            start = alike.pop()[0] if alike and alike[-1][1] == k else k - 1
-            alike.append((start, k + 1))
-        if not alike and (order[1:] > order[:-1]).all():
-            return later, alike, later, words.tobytes()
-        return order, alike, later, words[order].tobytes()
+        """Of contacts as pymunk lists them: by their bodies' ids, in the order of memory addresses."""
+        if listed not in self._orders:
+            if len(self._orders) * max(len(listed), 8000) >= 8_000_000:
+                self._orders.clear()
+            pairs = np.frombuffer(listed, np.int64).reshape(-1, WORDS).copy()
+            pairs[:, :2] = self._by_id.take(pairs[:, :2] - self._first_id)
+            self._orders[listed] = Order(pairs)
+        return self._orders[listed]
 
     def weaken(self, part: float) -> None:
         """Let gravity act with a part of its strength."""
@@ -182,6 +194,9 @@ class Space:
     def brake(self, torques: Mapping[Pair, float]) -> None:
         """Let torques of at most so much resist the turning of one body against another or the world."""
         for key, torque in torques.items():
+            if torque == self._torques.get(key, -1.0):
+                continue
+            self._torques[key] = torque
             if key not in self._brakes:
                 other = self._anchor if key[1] < 0 else self._bodies[key[1]]
                 motor = pymunk.SimpleMotor(self._bodies[key[0]], other, 0.0)
@@ -191,7 +206,8 @@ class Space:
 
     def braked(self) -> dict[Pair, float]:
         """Size of the angular impulse that each brake gave in the last step, g·px²/s."""
-        return {key: lib.cpConstraintGetImpulse(motor) for key, (_, motor) in self._brakes.items()}
+        used = [(key, motor) for key, (_, motor) in self._brakes.items() if self._torques[key]]
+        return {key: lib.cpConstraintGetImpulse(motor) for key, motor in used}
 
 
 def _batched(space: pymunk.Space, name: str, fields: Flag, buffer: batch.Buffer) -> tuple[Any, Any, Any]:
@@ -224,8 +240,8 @@ def _add_wall(space: pymunk.Space, wall: Wall, smooth: dict[tuple[float, ...], l
     """A body of its own, so that contacts know which wall they touch."""
     body = pymunk.Body(body_type=pymunk.Body.STATIC)
     space.add(body)
-    for chain in wall.chains:
-        for a, b in pairwise(chain.tolist()):
+    for line in wall.chains:
+        for a, b in pairwise(line.tolist()):
             segment = pymunk.Segment(body, a, b, 0.0)
             segment.friction = wall.surface.friction
             before, after = smooth.get((*a, *b)), smooth.get((*b, *a))
@@ -244,8 +260,8 @@ def _neighbours(walls: tuple[Wall, ...]) -> dict[tuple[float, ...], list[float]]
     ends = [
         (np.array(near), np.array(far))
         for wall in walls
-        for chain in wall.chains
-        for a, b in pairwise(chain.tolist())
+        for line in wall.chains
+        for a, b in pairwise(line.tolist())
         for near, far in ((a, b), (b, a))
     ]
     found: dict[tuple[float, ...], list[float]] = {}
