@@ -231,17 +231,12 @@ def _noun(words: Sequence[str], head: int) -> tuple[tuple[int, int], str]:
         for j in range(i + 1, min(i + 5, len(words)) + 1):
             for phrase in _variants(words[i:j]):
                 noun = _phrases()[1].get(phrase)
-                if noun is None or (j < head and _double(phrase)):
-                    continue
+                if noun is None or (j < head and (phrase in COLOURS or phrase in _phrases()[0])):
+                    continue  # a word that names an object only at the end: a cork, but a cork ball
                 key = (min(j, head), j - i, len(phrase))
                 if key > best:
                     best, result = key, ((i, j), noun)
     return result
-
-
-def _double(phrase: str) -> bool:
-    """Whether a word names an object only at the end: a cork, but a cork ball."""
-    return phrase in COLOURS or phrase in _phrases()[0]
 
 
 def _material_named(

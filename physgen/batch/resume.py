@@ -66,8 +66,11 @@ def unchanged_clip(
         manifest: Mapping[str, Any] = json.loads((folder / "manifest.json").read_bytes())
         if not unchanged_inputs(manifest, mark, scene, digest):
             return None
-        damaged = any(_differs(folder / name, sha) for name, sha in manifest["files"].items())
-        return None if damaged else manifest
+        for name, sha in manifest["files"].items():
+            file = folder / name  # reading a pipe never ends
+            if not file.is_file() or sha256(file.read_bytes()).hexdigest() != sha:
+                return None
+        return manifest
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
 
@@ -104,10 +107,6 @@ def _maps(home: Path, document: Mapping[str, Any]) -> Sequence[str]:
 def _relative(home: Path, path: Path) -> str:
     """As manifests name files: the target of links, relative to the scene's folder."""
     return Path(os.path.relpath(os.path.realpath(path), home)).as_posix()
-
-
-def _differs(file: Path, sha: str) -> bool:
-    return not file.is_file() or sha256(file.read_bytes()).hexdigest() != sha  # reading a pipe never ends
 
 
 def recorded_warnings(manifest: Mapping[str, Any]) -> list[Problem]:

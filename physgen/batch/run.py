@@ -151,7 +151,7 @@ def _run(job: Job, progress: pipeline.Progress) -> Done:
     try:
         options = replace(job.options, name=job.name, mark=job.mark)
         if options.cached:
-            manifest = unchanged_clip(job.folder, job.mark, Path(job.scene), hash_of)
+            manifest = unchanged_clip(job.folder, job.mark, Path(job.scene), _warm().hash)
             if manifest and manifest["source"] == source_of(Path(job.scene), job.folder):
                 return Done(job, job.folder, tuple(recorded_warnings(manifest)), State.UNCHANGED)
         folder = pipeline.render_scene(
@@ -182,11 +182,6 @@ def _warm() -> pipeline.Stages:
 def _refiners(refiner: Refiner) -> pipeline.Refiners:
     """Models are loaded once per process."""
     return pipeline.Refiners(refiner.plan)
-
-
-def hash_of(file: Path) -> str:
-    """SHA-256, computed once by this process. Raises OSError."""
-    return _warm().hash(file)
 
 
 def failed(job: Job, error: Exception, warnings: Sequence[Problem] = (), seconds: float = 0.0) -> Done:

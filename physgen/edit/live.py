@@ -351,7 +351,7 @@ class Live:
             if motion_only:
                 return Look(tuple(self._row(p, known.scene) for p in stream.problems), motion=motion)
             if not known.lints:
-                known.lints.append(tuple(self._lints(known)))
+                known.lints.append(tuple(lint(known.scene, known.compiled, known.percepts)))
             rows = tuple(self._row(p, known.scene) for p in (*stream.problems, *known.lints[0]))
             return Look(
                 rows,
@@ -430,9 +430,6 @@ class Live:
     def _percepts(self, scene: Scene) -> Percepts | None:
         with self._lock:
             return self._warm.maps(scene).percepts
-
-    def _lints(self, known: CompiledScene) -> list[Problem]:
-        return lint(known.scene, known.compiled, known.percepts)
 
     def _motion(self, known: CompiledScene, begun: float) -> tuple[MotionStream, Data]:
         world = known.compiled.world

@@ -295,12 +295,6 @@ class ClipTimes:
         return samples / self._fps
 
 
-def _place_seen(clip: Clip, event: Event) -> Point:
-    """px of the video."""
-    x, y = (clip.shot.affine(event.time) @ (*event.at, 1.0)).tolist()
-    return x, y
-
-
 class Events(Writer):
     """`events.json`."""
 
@@ -331,7 +325,7 @@ class Events(Writer):
 def _event_json(clip: Clip, event: Event) -> dict[str, Any]:
     """An event as JSON, without empty fields."""
     times, names = ClipTimes(clip), [name for name, _ in clip.world.surfaces]
-    impulse = event.impulse
+    impulse, seen = event.impulse, clip.shot.affine(event.time) @ (*event.at, 1.0)
     row: dict[str, Any] = {
         "kind": event.kind.value,
         "time": event.time,
@@ -339,7 +333,7 @@ def _event_json(clip: Clip, event: Event) -> dict[str, Any]:
         "until": event.until,
         "frame": times.frame(event.time),
         "who": [names[k] for k in event.surfaces],
-        "place": {"photo": list(event.at), "video": list(_place_seen(clip, event))},
+        "place": {"photo": list(event.at), "video": seen.tolist()},
         "impulse": None
         if impulse is None
         else {"g_px_s": impulse, "N_s": clip.scale.newton_seconds(impulse)},

@@ -200,7 +200,9 @@ def object_entries(
             "elasticity": its.elasticity,
         }
         held = item.id in boundaries.held
-        if can_roll(item, its.solid, boundaries.view) and not (item.cut or held):
+        # circles roll seen from the side, spheres seen from above, too
+        rolls = isinstance(item.outline, Disc) and (boundaries.view is View.SIDE or its.solid is Solid.SPHERE)
+        if rolls and not (item.cut or held):
             one["rolling"] = its.rolling
         else:
             del sources["rolling"]
@@ -221,7 +223,9 @@ def object_entries(
             behind = [order for order in kept if order.front == item.id]
             one["layer"] = layer_of[item.id]
             sources["layer"] = provenance("outlines", max(order.confidence for order in behind))
-            comments[f"{at}.layer"] = hides_comment([called[order.behind] for order in behind])
+            *names, last = [called[order.behind] for order in behind]
+            hidden = ", ".join(names) + (" and " if names else "") + last
+            comments[f"{at}.layer"] = f"in front: it hides parts of {hidden}"
         comments[f"{at}.mask"] = f"{sources['mask']}, {shape_words(item.outline, its.solid)}"
         comments[f"{at}.mass"] = f"g, {sources['mass']}: {its.reason}"
         entries[name] = {**one, "from": sources}
@@ -316,12 +320,6 @@ def wall_entry(wall: Wall) -> dict[str, Any]:
     return entry | {"from": provenance(wall.source, wall.confidence)}
 
 
-def can_roll(item: PhotoObject, solid: Solid, view: View) -> bool:
-    """Whether rolling resistance can act on it: circles roll seen from the side, spheres seen from above, too."""
-    upright = view is View.SIDE or solid is Solid.SPHERE
-    return isinstance(item.outline, Disc) and not item.cut and upright
-
-
 # comments
 
 
@@ -349,12 +347,6 @@ def scene_comments(
     return comments | {
         f"boundaries.{wall.name}": wall.reason for wall in boundaries.walls if len(wall.points) == 2
     }
-
-
-def hides_comment(names: Sequence[str]) -> str:
-    """A comment on the layer of an object that hides others."""
-    every = ", ".join(names[:-1]) + (" and " if len(names) > 1 else "") + names[-1]
-    return f"in front: it hides parts of {every}"
 
 
 def label_counts(labels: Mapping[int, str]) -> str:

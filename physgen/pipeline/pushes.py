@@ -41,9 +41,7 @@ class _Trial:
     far: float = 0.25  # a displacement that counts in full
     least: float = 0.07  # a displacement that is seen: 36 px of a photo of 512
     written: float = 0.01  # of a speed, by which one that is written with three digits may differ
-    wild: float = (
-        2.5  # times the push's speed and that of a fall over the photo, from which a motion is an explosion
-    )
+    wild: float = 2.5  # times the speeds of the push and of a fall over the photo: faster is an explosion
     slender: float = 1.5  # times width over height: of the speed, for what topples before it slides
     gentlest: float = 0.3  # of the speed, at least
     back: float = 0.25  # of what is shown, where the object goes back instead: something stands in its way

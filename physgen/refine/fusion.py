@@ -256,7 +256,9 @@ class Refinement:
         if not np.isfinite(z).all():
             fix = 'write dtype = "float32" in physgen.toml'
             raise InputError.of("refine", str(model.note().get("dtype", "")), "leaves no finite picture", fix)
-        for index, (refined, guided) in enumerate(_paired(model.decode(z), model.decode(z0))):
+        parts = zip(model.decode(z), model.decode(z0), strict=True)
+        pairs = (pair for part in parts for pair in zip(*part, strict=True))
+        for index, (refined, guided) in enumerate(pairs):
             yield restore_detail(
                 guidance[index],
                 fit.back(refined),
@@ -303,9 +305,3 @@ def backend_errors(flag: str, name: str) -> Iterator[None]:
     except Exception as error:
         fix = "see what failed, or choose another backend"
         raise InputError.of(flag, f'"{name}"', f"failed ({describe_error(error)})", fix) from error
-
-
-def _paired(refined: Iterator[F32], guided: Iterator[F32]) -> Iterator[tuple[F32, F32]]:
-    """Frames of two decodings, one by one."""
-    for some, others in zip(refined, guided, strict=True):
-        yield from zip(some, others, strict=True)

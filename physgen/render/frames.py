@@ -62,11 +62,6 @@ TILE = 32
 """px a side of the tiles in which touched pixels are counted."""
 
 
-def covering_boxes(boxes: Sequence[Slices], size: tuple[int, int]) -> list[Slices]:
-    """Runs of tiles that cover the boxes on a canvas of `size` (W, H); equal runs that touch become one box."""
-    return boxes_of_tiles(touched_tiles(boxes, size), size)
-
-
 def touched_tiles(boxes: Sequence[Slices], size: tuple[int, int]) -> list[int]:
     """The tiles that the boxes touch: a number for each row of tiles, with a bit for each tile."""
     marked = [0] * (-(-size[1] // TILE))
@@ -125,9 +120,8 @@ class BackgroundCache:
             return []
         boxes = [whole[0] for k in gone ^ self._gone if (whole := lit.casts[k].whole) is not None]
         self._gone = gone
-        changed = covering_boxes(
-            [np.s_[y0:y1, x0:x1] for x0, y0, x1, y1 in boxes], (dark.shape[1], dark.shape[0])
-        )
+        size = (dark.shape[1], dark.shape[0])
+        changed = boxes_of_tiles(touched_tiles([np.s_[y0:y1, x0:x1] for x0, y0, x1, y1 in boxes], size), size)
         for box in changed:
             dark[box] = lit.total[box]
         for k in sorted(gone):

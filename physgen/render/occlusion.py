@@ -123,7 +123,8 @@ def occlusion_of(onto: Silhouette, others: Sequence[Silhouette], setting: Shadow
         z = np.sqrt(np.maximum(1 - u * u - v * v, 0))
         toward = np.float32(middle(onto, setting.top)) + radius * z
         facing = np.maximum(u * lx + v * ly + z * lz, 0)
-    direct = _direct(facing, setting)
+    straight = setting.light.intensity * facing
+    direct = np.asarray(straight / np.maximum(straight + setting.light.ambient, 1e-6), np.float32)
     balls = [other for other in others if other.radius is not None]
     points = x.astype(np.float32), y.astype(np.float32), toward.astype(np.float32)
     behind = iter(_behind_balls(balls, points, setting) if balls else ())
@@ -132,20 +133,16 @@ def occlusion_of(onto: Silhouette, others: Sequence[Silhouette], setting: Shadow
         blocked = _behind_slab(other, *points, setting) if other.radius is None else next(behind)
         left *= 1 - np.float32(MOST_BLOCKED) * direct * blocked
     dark = _seen(left, z)
-    return None if dark.max() < OCCLUSION.faint else _enlarged(dark, step, h, w)
+    if dark.max() < OCCLUSION.faint:
+        return None
+    size = (dark.shape[1] * step, dark.shape[0] * step)
+    return np.asarray(cv2.resize(dark, size, interpolation=cv2.INTER_LINEAR)[:h, :w], np.float32)
 
 
 def _step(onto: Silhouette) -> int:
     """px a side of the cells of a veil's grid."""
     h, w = onto.coverage.shape
     return max(1, int(np.sqrt(h * w)) // OCCLUSION.cells)
-
-
-def _direct(facing: NDArray[Any], setting: ShadowSetting) -> F32:
-    """Share of a face's light that comes straight, by the cosine of the light's angle to it."""
-    light = setting.light
-    share = light.intensity * facing / np.maximum(light.intensity * facing + light.ambient, 1e-6)
-    return np.asarray(share, np.float32)
 
 
 def _seen(left: F32, z: NDArray[Any] | None) -> F32:
@@ -155,12 +152,6 @@ def _seen(left: F32, z: NDArray[Any] | None) -> F32:
     """
     dark = -np.log(np.maximum(left, 1 - MOST_BLOCKED))
     return np.asarray(dark if z is None else dark * np.clip(z / np.float32(OCCLUSION.rim), 0, 1), np.float32)
-
-
-def _enlarged(dark: F32, step: int, h: int, w: int) -> F32:
-    """(h, w) of cells of `step` px."""
-    size = (dark.shape[1] * step, dark.shape[0] * step)
-    return np.asarray(cv2.resize(dark, size, interpolation=cv2.INTER_LINEAR)[:h, :w], np.float32)
 
 
 def stacked(values: Iterable[float]) -> F32:

@@ -167,17 +167,12 @@ class OverlayClip:
     """s."""
 
 
-def identity_lens(frame: Frame) -> Array:
-    """The lens of frames that show the photo as it is."""
-    return np.eye(2, 3)
-
-
 def annotate_frames(
     frames: Iterator[Frame],
     world: World,
     trajectory: Trajectory,
     kinds: Collection[Overlay],
-    lens: Lens = identity_lens,
+    lens: Lens = lambda frame: np.eye(2, 3),
 ) -> Iterator[Frame]:
     """Frames with overlays of `kinds`. A frame's own time says what is drawn: they may come in any order.
 
@@ -190,7 +185,10 @@ def annotate_frames(
     clip = filmed(world, trajectory, kinds)
     for frame in frames:
         rgb = frame.rgb.copy()
-        sheet = sheet_of(clip, frame, lens(frame))
+        times, size = clip.seen.times, (rgb.shape[1], rgb.shape[0])
+        sample = int(np.abs(times - frame.time).argmin()) if len(times) else 0
+        pen, matrix = max(size) / max(world.size), np.asarray(lens(frame), np.float64)
+        sheet = Sheet(size, pen, matrix, frame.time, sample)
         for kind in (kind for kind in DRAW if kind in kinds):
             layer = sheet.layer()
             DRAW[kind](clip, sheet, layer)
@@ -210,13 +208,6 @@ def filmed(world: World, trajectory: Trajectory, kinds: Collection[Overlay]) -> 
     scale = scales(world, trajectory, kinds, [impact.impulse for impact in found])
     flash = min(STYLE.flash * world.duration / max(len(world.times), 1), world.duration / 6)
     return OverlayClip(world, seen, found, scale, key_entries(world, scale, kinds), flash)
-
-
-def sheet_of(clip: OverlayClip, frame: Frame, lens: Array) -> Sheet:
-    """A frame's paper."""
-    times, size = clip.seen.times, (frame.rgb.shape[1], frame.rgb.shape[0])
-    sample = int(np.abs(times - frame.time).argmin()) if len(times) else 0
-    return Sheet(size, max(size) / max(clip.world.size), np.asarray(lens, np.float64), frame.time, sample)
 
 
 def _poses(clip: OverlayClip, sheet: Sheet) -> Array:

@@ -86,9 +86,7 @@ class SpriteTuning:
     flat: float = 2.0  # px by which the top of a shape may rise and be level
     texture: float = 3.0  # px: what is finer is texture, what is coarser is shading
     glint: float = 2.0  # times its mean: what texture stands out more is no texture
-    side_light: float = (
-        0.7  # of a block's top in the photo, that any of its sides has: tables and walls give light
-    )
+    side_light: float = 0.7  # of a block's top, that any of its sides has: tables and walls give light
     side_hidden: float = 0.9  # of a side's light, kept away by fronts of others close to it
     leans: float = 0.25  # rad from which the top that the photo shows of a block has given way to its sides
     dark: float = 0.003  # of linear light, below which levels are alike

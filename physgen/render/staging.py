@@ -46,12 +46,8 @@ class StagingTuning:
     flat: float = 0.8  # of its radius: how high a disc reaches above a table, where the scene does not say
     deep: float = 0.9  # of the root of its area: how far anything else reaches through the plane of motion
     ghosts: int = 200  # objects that a scene leaves out and whose shadows leave with them, about: the largest
-    seen_top: float = (
-        0.7  # px by which an object must show above and below its shape: less tells ragged borders
-    )
-    back: float = (
-        0.8  # of what a top shows in the photo, that sides show: edges are rounded; by the tune half
-    )
+    seen_top: float = 0.7  # px by which an object shows above and below its shape: less are ragged borders
+    back: float = 0.8  # of what a top shows in the photo, that sides show: edges are rounded; by tune
     stray: float = 0.03  # share of a ball's pixels that may lie outside its circle
     thread: float = 2.0  # px: how thick what hangs on a ball is
     steep: float = 0.25  # rise over run from which a boundary is no floor: shadows of a slope lie elsewhere

@@ -29,13 +29,6 @@ def cleaned_up(out: Path) -> Iterator[None]:
         raise
 
 
-def remove_leftovers_once(out: Path) -> None:
-    """As `remove_leftovers`, once in this process: listing a folder of 100,000 clips takes long."""
-    if out.resolve() not in _SWEPT:
-        _SWEPT.add(out.resolve())
-        remove_leftovers(out)
-
-
 def remove_leftovers(out: Path) -> None:
     """Remove what ended processes of this machine left in `out`; what they had moved aside goes back."""
     try:
@@ -81,7 +74,9 @@ OURS = re.compile(
 def atomic_folder(final: Path) -> Iterator[Path]:
     """A fresh folder beside `final`, renamed to it at the end; removed, and `final` left as it was, on any error."""
     final.parent.mkdir(parents=True, exist_ok=True)
-    remove_leftovers_once(final.parent)
+    if final.parent.resolve() not in _SWEPT:  # once: listing a folder of 100,000 clips takes long
+        _SWEPT.add(final.parent.resolve())
+        remove_leftovers(final.parent)
     beside = partial(final)
     shutil.rmtree(beside, ignore_errors=True)
     beside.mkdir()

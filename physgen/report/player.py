@@ -137,10 +137,12 @@ def _cut(sprite: Sprite, less: float, scale: float) -> dict[str, Any]:
     covers = np.rint(255 * np.clip(alpha, 0, 1)).astype(np.uint8)
     pixels = np.dstack([encode_u8(np.clip(bare, 0, 1)), covers])
     left, top = sprite.corner[0] + columns.start, sprite.corner[1] + rows.start
+    # a ball whose skin is of one colour looks the same however it has turned: its shading stays
+    alike = sprite.ball is not None and float(np.ptp(sprite.ball.skin, axis=(0, 1)).max()) < 1e-6
     found = {
         "body": sprite.body,
         "box": _placed((left, top, left + alpha.shape[1], top + alpha.shape[0]), scale),
-        "turns": not _looks_alike(sprite),
+        "turns": not alike,
         "src": webp(_smaller(pixels, less), LIMITS.quality),
     }
     if sprite.ball is not None and found["turns"] and less == 1 and alpha.size <= LIMITS.large:
@@ -161,11 +163,6 @@ def _coded(values: F32, *, signed: bool = False) -> dict[str, Any]:
     roots = np.sqrt(np.abs(values) / most)
     codes = 128 + 127 * np.sign(values) * roots if signed else 255 * roots * (values > 0)
     return {"most": float(f"{most:.4g}"), "src": webp(np.rint(codes).astype(np.uint8), LIMITS.balls)}
-
-
-def _looks_alike(sprite: Sprite) -> bool:
-    """Whether a ball looks the same however it has turned: its skin is of one colour, and its shading stays."""
-    return sprite.ball is not None and float(np.ptp(sprite.ball.skin, axis=(0, 1)).max()) < 1e-6
 
 
 def _placed(box: PixelBox, scale: float) -> list[float]:

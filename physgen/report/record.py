@@ -188,14 +188,9 @@ def source_of(path: Path, folder: Path) -> str:
 
 
 def write_json(path: Path, data: object) -> None:
-    """Indented, UTF-8, under its final name when it is whole."""
-    text = json_text(data)
+    """Indented, UTF-8, under its final name when it is whole; arrays and paths among the data are written out."""
+    text = json.dumps(data, indent=1, ensure_ascii=False, default=_plain) + "\n"
     write_atomic(path, text.encode("utf-8", "backslashreplace"))  # the path of a folder need not be text
-
-
-def json_text(data: object) -> str:
-    """Indented; arrays and paths among the data are written out."""
-    return json.dumps(data, indent=1, ensure_ascii=False, default=_plain) + "\n"
 
 
 def _plain(value: object) -> object:

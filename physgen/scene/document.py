@@ -287,7 +287,10 @@ class _Reader:
             raise _stop(self._place(event), "a key that is not text", "write a name before the colon")
         key: str = event.value
         if key in siblings:
-            self._duplicate(_path(stack, key), siblings[key], self._place(event))
+            first = siblings[key].key
+            where = f", first on line {first[0]}" if first and self.counted else ""
+            expected = f"is written twice{where}"
+            self._collect(Problem(self._place(event), _path(stack, key), "", expected, "keep one"))
         elif key == "<<" and event.implicit[0]:
             raise _stop(self._place(event), "a merge key `<<`", "use extends or variants")
         if len(stack) == 2 and len(siblings) == Limit.OBJECTS.most:
@@ -300,10 +303,6 @@ class _Reader:
     def _number(self, error: RefusedNumberError, event: Any, path: str) -> None:
         found = quoted(event.value, "")
         self._collect(Problem(self._place(event), path, found, error.expected, error.fix))
-
-    def _duplicate(self, path: str, first: Node, place: Place) -> None:
-        where = f", first on line {first.key[0]}" if first.key and self.counted else ""
-        self._collect(Problem(place, path, "", f"is written twice{where}", "keep one"))
 
     def _collect(self, problem: Problem) -> None:
         self.problems.append(problem)

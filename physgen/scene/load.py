@@ -367,11 +367,9 @@ def _make(made: type[T], item: Mapping[str, Any], /, **given: Any) -> T:
 def _readers(made: Any) -> tuple[tuple[str, Callable[[Any], Any]], ...]:
     """Name of each field, and what converts its value."""
     found = ((field.name, str(field.type).removesuffix(" | None")) for field in fields(made))
-    return tuple((name, _CONVERSIONS.get(text, getattr(parts, text, _as_is))) for name, text in found)
-
-
-def _as_is(value: Any) -> Any:
-    return value
+    return tuple(
+        (name, _CONVERSIONS.get(text, getattr(parts, text, lambda value: value))) for name, text in found
+    )
 
 
 def _pair(values: Sequence[float]) -> parts.Point:

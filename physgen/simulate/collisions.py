@@ -238,7 +238,8 @@ class ImpactSolver:
             self._begin(struck, times)
             moved = set[int]().union(*(self._solve(group, times) for group in self._groups(struck)))
             near = set(closing).union(*(self._beside(body) for body in sorted(moved)))
-            closing = [k for k in sorted(near) if self._leaving(self._point(k)) < -faint]
+            points = ((k, self._point(k)) for k in sorted(near))
+            closing = [k for k, p in points if p.leaving(self._speeds(p.a), self._speeds(p.b)) < -faint]
         velocity, shift = self._velocity.copy(), np.zeros_like(self._velocity)
         for body, (vx, vy, spin) in self._v.items():
             lx, ly = self._leap.get(body, (0.0, 0.0))
@@ -337,10 +338,6 @@ class ImpactSolver:
         return self._points[k]
 
     # What an impact does
-
-    def _leaving(self, p: Point) -> float:
-        """px/s; negative: it closes."""
-        return p.leaving(self._speeds(p.a), self._speeds(p.b))
 
     def _solve(self, group: list[int], times: dict[int, float]) -> set[int]:
         """Find the impulses of points that close together, and carry them out; the bodies that they move."""

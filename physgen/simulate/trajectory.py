@@ -128,13 +128,9 @@ class Trajectory:
     def save(self, path: Path) -> None:
         """Write a NumPy archive (no pickles) under its final name when it is whole; the same bytes every time."""
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomic(path, self.to_bytes())
-
-    def to_bytes(self) -> bytes:
-        """The archive that `save` writes."""
         buffer = io.BytesIO()
         np.savez_compressed(buffer, allow_pickle=False, **self.as_arrays())
-        return buffer.getvalue()
+        write_atomic(path, buffer.getvalue())
 
     def as_arrays(self) -> dict[str, NDArray[np.generic]]:
         """Flat names of the archive's arrays."""

@@ -60,9 +60,7 @@ class _Limits:
     bleeds: int = 4  # at 512 px, by which an object's depth runs over its outline in the output of models
     slack: float = 0.02  # of depth, by which a face may lie behind the objects' plane and still be in it
     soft: float = 1.5  # standard deviation of the blur that smooths a border
-    near: float = (
-        1.0  # of the foreground's depth, by which a surface may lie before all objects and be among them
-    )
+    near: float = 1.0  # of the foreground's depth: how far before all objects a surface is still among them
     thin: float = 0.05  # of depth: least depth of the foreground where its objects stand ...
     deep: float = 0.2  # ... and for its shelves
     facing: float = 0.85  # cosine from which a surface faces the viewer
@@ -141,7 +139,8 @@ def _walls(found: Sequence[Edge], objects: Sequence[PhotoObject], taken: Sequenc
         if behind or _is_rim(edge):
             continue
         chain = [(round(float(x), 2), round(float(y), 2)) for x, y in (edge.start, edge.end)]
-        kind = _kind(edge)
+        out, level = edge.out[1], abs(edge.angle) <= LIMITS.slope
+        kind = "ledge" if level else "slope" if out < -0.35 else "underside" if out > 0.35 else "side"
         sure = round(min(0.9, 0.3 + 0.6 * edge.seen * edge.plane**2), 2)
         for part in free_parts(chain, outlines):
             if np.hypot(*np.subtract(part[-1], part[0])) < 4:
@@ -157,12 +156,6 @@ def _is_rim(edge: Edge) -> bool:
     assert edge.facing is not None
     across = edge.facing[:2]
     return bool(np.hypot(*across) > LIMITS.up and across @ edge.out < LIMITS.section * np.hypot(*across))
-
-
-def _kind(edge: Edge) -> str:
-    if abs(edge.angle) <= LIMITS.slope:
-        return "ledge"
-    return "slope" if edge.out[1] < -0.35 else "underside" if edge.out[1] > 0.35 else "side"
 
 
 # section of the background by the plane of motion

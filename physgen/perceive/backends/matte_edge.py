@@ -28,9 +28,9 @@ class _Limits:
     shift: float = 2.75  # px by which the photo may move the border along some way ...
     unsure: float = 0.5  # ... less those by which shadows and texture pretend to
     single: float = (
-        0.25  # px by which single pixels may then move it; outwards by `shift`, if of another colour ...
+        0.25  # px by which single pixels may then move it; by `shift` outwards, if their colour ...
     )
-    dimmed: float = 0.3  # ... than dimmed background, by so much of square roots of linear light
+    dimmed: float = 0.3  # ... differs from dimmed background's, by so much of square roots of linear light
     along: float = 32.0  # px, standard deviation: the way
     doubt: float = 0.1  # trust in the mask's border, beside the colours' 0..1
     gain: float = 2.0  # of shares about one half: shadows beside an object reach that seldom

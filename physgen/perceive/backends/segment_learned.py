@@ -31,13 +31,10 @@ class LearnedConstants:
     doubtful: float = 0.1  # confidence from which a proposal is a doubtful object
     gap_penalty: float = 0.35  # of a selected proposal whose colours continue around it
     rarer: float = 3.0  # factor by which a colour may be rarer there and still count as continued
-    explained: tuple[float, ...] = (
-        0.5,
-        0.8,
-    )  # share of such colours from which that counts in part, and in full
-    movable: float = (
-        0.5  # mean movability from which an object may be moved: people, animals and furniture are none
-    )
+    explained: tuple[float, ...] = (0.5, 0.8)
+    """Share of such colours from which that counts in part, and in full."""
+    movable: float = 0.5
+    """Mean movability from which an object may be moved: people, animals and furniture are none."""
     same: float = 0.5  # IoU below which what is cut out again is another object
     alike: float = 0.85  # IoU from which candidates are of one object
     inside: float = 0.7  # share of a selected proposal in a whole from which it is one of its parts

@@ -114,11 +114,6 @@ def as_input(rgb: NDArray[Any]) -> F32:
     return np.ascontiguousarray(((codes - np.float32(MEAN)) / np.float32(SPREAD)).transpose(2, 0, 1)[None])
 
 
-def run_levels(blob: F32) -> dict[str, F32]:
-    """What encoder and decoder have of an input (1, 3, H, W) at strides 32 to 2, by the names of the head's inputs."""
-    return dict(zip(OUTPUTS[1:], _outputs(blob)[1:], strict=True))
-
-
 def _outputs(blob: F32) -> list[F32]:
     network = _network()
     with LOCK:  # a net holds state between the calls
@@ -204,9 +199,9 @@ def _segment(rgb: NDArray[np.uint8], box: Sequence[float], *, at_point: bool) ->
 
 def _chances(rgb: NDArray[np.uint8], at_point: bool) -> F32:
     """(SIDE / 2, SIDE / 2) 0..1 of a crop (SIDE, SIDE, 3): on the object meant."""
-    levels, head = run_levels(as_input(rgb)), _head()
+    levels, head = _outputs(as_input(rgb))[1:], _head()
     with LOCK:
-        for name, level in levels.items():
+        for name, level in zip(OUTPUTS[1:], levels, strict=True):
             head.setInput(level, name)
         head.setInput(np.full((1, 1, 1, 1), at_point, np.float32), "at-point")
         logits = np.clip(head.forward()[0], -30, 30)
