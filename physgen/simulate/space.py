@@ -109,11 +109,9 @@ class Space:
         self._anchor = pymunk.Body(body_type=pymunk.Body.STATIC)
         space.add(self._anchor)
         _add_joints(space, world.joints, bodies, self._anchor)
-        # pymunk counts its bodies: these lie close together
-        ids = np.array([body.id for body in (*bodies, *walls, self._anchor)])
-        self._first_id = ids.min()
-        self._by_id = np.zeros(np.ptp(ids) + 1, np.int64)
-        self._by_id[ids - self._first_id] = np.arange(len(ids))
+        ids = np.array([body.id for body in (*bodies, *walls)], np.uint64)  # memory addresses
+        self._by_id = np.argsort(ids)
+        self._ids = ids[self._by_id]
         self.moving = np.flatnonzero([body.motion is not Motion.STATIC for body in world.bodies])
         """(M,): bodies that the state lists, in order."""
         M = len(self.moving)
@@ -169,7 +167,7 @@ class Space:
             if len(self._orders) * max(len(listed), 8000) >= 8_000_000:
                 self._orders.clear()
             pairs = np.frombuffer(listed, np.int64).reshape(-1, WORDS).copy()
-            pairs[:, :2] = self._by_id.take(pairs[:, :2] - self._first_id)
+            pairs[:, :2] = self._by_id[np.searchsorted(self._ids, pairs[:, :2].view(np.uint64))]
             self._orders[listed] = Order(pairs)
         return self._orders[listed]
 
