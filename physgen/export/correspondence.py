@@ -8,6 +8,7 @@ numbers: x + iy of the one picture -> m (x + iy) + n of the other.
 from __future__ import annotations
 
 from cmath import exp
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,6 +36,8 @@ class PosedView:
     """(N, 3): x px, y px, angle rad, of the centre of mass, in the photo."""
     spaces: Array | None
     """(N, 3, 3): rotations in space since t = 0, +z into the photo; None: bodies turn in the picture alone."""
+    faces: Mapping[int, float]
+    """px by which the front of a body, about whose middle it turns, lies below its centre, where it does."""
 
 
 def photo_view(trajectory: Trajectory, world: World) -> PosedView:
@@ -44,7 +47,7 @@ def photo_view(trajectory: Trajectory, world: World) -> PosedView:
     turned = np.tile(np.eye(3), (len(poses), 1, 1)) if trajectory.turns.size else None
     if turned is not None and shown:
         turned[:, :2, :2] = [rotation(pose.angle) for pose in shown]
-    return PosedView(np.eye(2, 3), poses, turned)
+    return PosedView(np.eye(2, 3), poses, turned, {})
 
 
 def is_ball(body: Body) -> bool:
@@ -64,8 +67,8 @@ def similarity(body: int, view: PosedView, other: PosedView) -> tuple[complex, c
     if body < 0 or is_still(body, view, other):
         return complex(other_scale / scale), other_shift - other_scale / scale * shift
     (x, y, angle), (to_x, to_y, to_angle) = view.poses[body].tolist(), other.poses[body].tolist()
-    turn = exp(1j * (to_angle - angle))
-    there = complex(to_x, to_y) - turn * (shift / scale + complex(x, y))
+    turn, face = exp(1j * (to_angle - angle)), view.faces.get(body, 0.0)
+    there = complex(to_x, to_y + face) - turn * (shift / scale + complex(x, y + face))
     return other_scale / scale * turn, other_scale * there + other_shift
 
 

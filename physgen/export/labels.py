@@ -373,6 +373,7 @@ class MomentQueue:
             self._shot.affine(frame.time),
             self._trajectory.poses[sample],
             None if self._spaces is None else self._spaces[sample],
+            frame.faces,
             index,
             float(self._trajectory.times[sample]),
             frame.rgb,

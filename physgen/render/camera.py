@@ -242,7 +242,7 @@ def filmed(frames: Iterator[Frame], through: Shot, drawn: float = 1.0) -> Iterat
             rgb = resample_picture(frame.rgb, matrix, through.video)
         through_it = frame, matrix, through.video
         named, covering = partial(_named, *through_it), partial(_covering, *through_it)
-        seen = Frame(frame.index, frame.time, rgb, named, covering)
+        seen = Frame(frame.index, frame.time, rgb, named, covering, frame.faces)
         last = frame, matrix, seen
         yield seen
 
@@ -337,4 +337,4 @@ def mean_exposures(frames: Iterator[Frame], parts: int) -> Iterator[Frame]:
         last = group[-1]
         light = sum((decode(frame.rgb) for frame in group), np.zeros(last.rgb.shape, np.float32))
         rgb = encode_u8(light / np.float32(parts))
-        yield Frame(index, last.time, rgb, last.named, last.covering)
+        yield Frame(index, last.time, rgb, last.named, last.covering, last.faces)

@@ -202,6 +202,7 @@ def render_frames(
     size = (stage.background.shape[1], stage.background.shape[0])
     with single_threaded():
         balls, left = BallSprites(stage.sprites), BackgroundCache(stage)
+        faces = {sprite.body: sprite.face for sprite in stage.sprites if sprite.face}
         canvas: F32 = left.light.copy()
         shadows = _Shadows(stage, left)
         before = touched_tiles([], size)
@@ -245,7 +246,7 @@ def render_frames(
             for box in boxes_of_tiles(before, size):
                 rgb[box] = encode_picture(canvas[box])
             covers = [(stage.sprites[p.stand.k].body + 1, p.where.box, p.coverage) for p in pictures]
-            yield Frame(index, time, rgb, partial(_named, covers, size), partial(_covering, covers))
+            yield Frame(index, time, rgb, partial(_named, covers, size), partial(_covering, covers), faces)
 
 
 class _Shadows:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import ceil, cos, exp, floor, hypot, inf, isfinite, sin
@@ -245,6 +245,8 @@ class Frame:
     """Works out `ids`: few ask."""
     covering: Callable[[], Sequence[Cover]] = field(default=tuple, repr=False, compare=False)
     """Works out `covers`."""
+    faces: Mapping[int, float] = field(default_factory=dict, repr=False, compare=False)
+    """px by which the front of a body lies below its centre, where it does."""
 
     @cached_property
     def ids(self) -> U16:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from functools import cache, lru_cache
+from functools import lru_cache
 from math import hypot, isnan
 from struct import Struct
 
@@ -106,12 +106,6 @@ def normal_impulses(numbers: list[float], rows: Sequence[int]) -> list[float]:
     return found
 
 
-@cache
-def _corners(count: int) -> Array:
-    """(14 K,): 1 for the numbers of K contacts that are places."""
-    return np.tile(np.repeat([0.0, 1.0, 0.0], [4, 9, 1]), count)
-
-
 def contacts_jumped(now: Array, before: Array) -> bool:
     """Whether contacts of the same pairs, in the same order, are elsewhere at once: another corner has come down.
 
@@ -119,8 +113,8 @@ def contacts_jumped(now: Array, before: Array) -> bool:
     """
     if not len(now) == len(before) > 0:
         return False
-    off = (now - before) * _corners(len(now) // NUMBERS)
-    return float(np.maximum.reduce(np.abs(off))) > LEAP
+    off = np.abs((now - before).reshape(-1, NUMBERS)[:, 4:13])
+    return float(np.maximum.reduce(off, axis=None)) > LEAP
 
 
 @dataclass(frozen=True)

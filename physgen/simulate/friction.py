@@ -166,7 +166,9 @@ class Table:
         rolls, now = brake >= stick * (1 - 1e-12), roll + turned
         stop = do.least(do.choice(rolls, lost_rolling, lost_sliding) * h / do.most(abs(now), 1e-300), 1.0)
         # it brakes a spin on the spot as well: of a billiard ball by 8.6 rad/s², where Alciatore measures 10
-        twist = do.choice(spin > 0, -1.0, 1.0) * do.least(lost_sliding * h, abs(spin))
+        twist = do.choice(spin > 0, -1.0, 1.0) * do.least(
+            do.choice(grip > 0, lost_sliding, 0.0) * h, abs(spin)
+        )
         return change - do.choice(rolls, stop, 0.0) * (v + change), twist, turned - stop * now
 
 
