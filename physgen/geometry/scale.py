@@ -327,7 +327,7 @@ class _Playback:
     length: float = 2.0
     """Duration, in crossings: time to see what the push leads to."""
     longest: float = 8.0
-    """s of the video in which all may come to rest, in less slow motion where that helps: it ends then."""
+    """s of the video that a clip lasts at most to show how all comes to rest, in less slow motion where that helps."""
 
 
 PLAYBACK = _Playback()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -132,7 +132,7 @@ def refine_footage(film: Film, kept: Footage, refiners: Refiners, files: VideoFi
     order, count = film.shot(trajectory).order, len(kept.rgb)
 
     def clip(pictures: Iterator[U8]) -> Iterator[Frame]:
-        return film.annotated(_frames(kept, pictures, order), trajectory)
+        return film.annotated(_frames(kept, pictures, order, film.stage.faces), trajectory)
 
     unrefined = replace(files, formats=files.formats[:1])
     shown = (kept.rgb[sample] for sample in order)
@@ -173,9 +173,12 @@ def _measured(name: str, frames: Iterator[U8], kept: Footage, changed: MostChang
         yield rgb
 
 
-def _frames(kept: Footage, pictures: Iterator[U8], order: Sequence[int]) -> Iterator[Frame]:
+def _frames(
+    kept: Footage, pictures: Iterator[U8], order: Sequence[int], faces: Mapping[int, float]
+) -> Iterator[Frame]:
     """Pictures in playing order as frames of the clip."""
     from physgen.render.stage import Frame
 
     for index, (sample, rgb) in enumerate(zip(order, pictures, strict=True)):
-        yield Frame(index, float(kept.trajectory.times[sample]), rgb, partial(kept.ids.__getitem__, sample))
+        named = partial(kept.ids.__getitem__, sample)
+        yield Frame(index, float(kept.trajectory.times[sample]), rgb, named, faces=faces)

@@ -202,7 +202,6 @@ def render_frames(
     size = (stage.background.shape[1], stage.background.shape[0])
     with single_threaded():
         balls, left = BallSprites(stage.sprites), BackgroundCache(stage)
-        faces = {sprite.body: sprite.face for sprite in stage.sprites if sprite.face}
         canvas: F32 = left.light.copy()
         shadows = _Shadows(stage, left)
         before = touched_tiles([], size)
@@ -246,7 +245,9 @@ def render_frames(
             for box in boxes_of_tiles(before, size):
                 rgb[box] = encode_picture(canvas[box])
             covers = [(stage.sprites[p.stand.k].body + 1, p.where.box, p.coverage) for p in pictures]
-            yield Frame(index, time, rgb, partial(_named, covers, size), partial(_covering, covers), faces)
+            yield Frame(
+                index, time, rgb, partial(_named, covers, size), partial(_covering, covers), stage.faces
+            )
 
 
 class _Shadows:
@@ -447,7 +448,10 @@ def _add_sides(stage: Stage, pictures: Sequence[Picture]) -> None:
             here = np.s_[top - rows.start : bottom - rows.start, first - columns.start : last - columns.start]
             part = front[top - tall.start : bottom - tall.start, first - wide.start : last - wide.start]
             side[here] *= 1 - part
-            lit[here] *= 1 - np.float32(CUT.side_hidden) * cv2.blur(part, (2 * round(sides.depth) + 1,) * 2)
+            if sides.light is not None:
+                lit[here] *= 1 - np.float32(CUT.side_hidden) * cv2.blur(
+                    part, (2 * round(sides.depth) + 1,) * 2
+                )
         lit *= side
         picture.light = np.asarray(
             cv2.add(picture.light, cv2.merge([lit * part for part in sides.colour])), np.float32

@@ -165,7 +165,8 @@ class Sides:
     """px by which its back appears higher than its front."""
     colour: F32
     """(3,) linear light of its top in the photo."""
-    light: DistantLight
+    light: DistantLight | None
+    """None: every side has that colour."""
 
     def share(self, turn: float) -> float:
         """0..1: how far the sides stand for the top that the photo shows, of a block turned by `turn` rad."""
@@ -186,6 +187,8 @@ class Sides:
         """
         tall = np.ones((round(self.share(turn) * self.depth) + 1, 1), np.uint8)
         whole, angle = cv2.dilate(coverage, tall, anchor=(0, 0)), turn % (np.pi / 2)
+        if self.light is None:
+            return np.asarray(whole - coverage, np.float32), np.ones(whole.shape[1], np.float32)
         faces = [[-cos(angle), -sin(angle), 0], [sin(angle), -cos(angle), 0], [0, -1, 0]]
         left, right, top = lambert(self.light, np.array(faces, np.float32)).tolist()
         uppermost = np.flatnonzero(whole[np.argmax((whole > 0.5).any(axis=1))] > 0.5)

@@ -246,7 +246,7 @@ class Frame:
     covering: Callable[[], Sequence[Cover]] = field(default=tuple, repr=False, compare=False)
     """Works out `covers`."""
     faces: Mapping[int, float] = field(default_factory=dict, repr=False, compare=False)
-    """px by which the front of a body lies below its centre, where it does."""
+    """px of the photo by which the front of a body lies below its centre, where it does."""
 
     @cached_property
     def ids(self) -> U16:
@@ -291,6 +291,11 @@ class Stage:
     """One a body: the pose in which its sprite was cut out, where some are put elsewhere; empty: as at t = 0."""
     scale: float = 1.0
     """Canvas pixels a photo pixel: a scene without a photo is drawn as large as it is seen."""
+
+    @property
+    def faces(self) -> Mapping[int, float]:
+        """See `Frame.faces`."""
+        return {sprite.body: sprite.face / self.scale for sprite in self.sprites if sprite.face}
 
 
 @dataclass(frozen=True)

@@ -172,8 +172,15 @@ def _white(sprite: Sprite) -> Sprite:
             trust=1.0,
             fade=None,
         )
+    sides = sprite.sides and replace(sprite.sides, colour=np.ones(3, np.float32), light=None)
     return replace(
-        sprite, light=three_channels(sprite.coverage), rest=None, halo=None, ball=ball, relief=None
+        sprite,
+        light=three_channels(sprite.coverage),
+        rest=None,
+        halo=None,
+        ball=ball,
+        relief=None,
+        sides=sides,
     )
 
 

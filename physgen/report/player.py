@@ -143,6 +143,7 @@ def _cut(sprite: Sprite, less: float, scale: float) -> dict[str, Any]:
         "body": sprite.body,
         "box": _placed((left, top, left + alpha.shape[1], top + alpha.shape[0]), scale),
         "turns": not alike,
+        "face": round(sprite.face / scale, 3),
         "src": webp(_smaller(pixels, less), LIMITS.quality),
     }
     if sprite.ball is not None and found["turns"] and less == 1 and alpha.size <= LIMITS.large:

@@ -130,7 +130,7 @@ class Running:
     def on(
         self, until: float, progress: Progress = silent, enough: Callable[[], bool] = lambda: False
     ) -> None:
-        """Steps from where the run stands to a time, s; fewer where it was `enough` after one of them.
+        """Steps from where the run stands to a time, s; fewer where `enough`, asked every 8 steps, says so.
 
         Raises InputError where a body leaves all numbers.
         """

@@ -66,9 +66,9 @@ function makeScene(data, motion, pictures) {
     const turn = row.turns && !ball && !(data.top && body.ball) ? pose.a - a : 0;
     if (moved) image = ball(turnOf(body, where, motion.mix, a));
     context.save();
-    context.translate(pose.x, pose.y);
+    context.translate(pose.x, pose.y + row.face); // a front turns about its own middle
     if (turn) context.rotate(turn);
-    put(context, image, [left - x, top - y, w, h]);
+    put(context, image, [left - x, top - y - row.face, w, h]);
     context.restore();
   }
 

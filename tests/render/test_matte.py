@@ -150,3 +150,12 @@ boundaries: {floor: {mask: 3}}
     for found in clip.coverage():
         assert not found[110:].any(), "the floor"
         assert not found[:, 80:].any(), "what is left out"
+
+
+def test_sides_of_blocks_that_turned_are_covered() -> None:
+    clip = Clip(ROOT / "scenes/dominoes/scene.yaml", "world.duration=1.5", "render.supersample=1")
+    *_, frame = clip.frames()
+    covered = clip.coverage()[-1]
+    assert any(sprite.sides for sprite in clip.stage.sprites)
+    for cover in frame.covers:
+        assert covered[cover.box][cover.mask].min() > 0.5 - 2 * CODE
