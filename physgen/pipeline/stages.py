@@ -86,19 +86,17 @@ def compile(scene: Scene, maps: Percepts | None) -> Compiled:
 def ended(scene: Scene, compiled: Compiled) -> Compiled:
     """The same with `duration: auto` resolved: 0.5 s of video after the last motion that shows."""
     from physgen.compile.compile import frame_times
-    from physgen.scene.scene import Solid
 
     if not scene.world.until_rest:
         return compiled
     slow = 1.0 if scene.render.frames is not None else scene.render.slow
     world, pause, most = compiled.world, 0.5 / slow, scene.world.duration / slow
     reach = np.array([body.reach for body in world.bodies] or [0.0])
-    turns = reach * np.array([body.solid is not Solid.SPHERE for body in world.bodies] or [False])
     for length in (*(part / slow for part in (1.25, 2.5, 5.0) if part / slow < most), most):
         times = np.arange(0.0, length, pause / 15)
         poses = simulate(replace(world, duration=length, times=times)).poses
         off = np.abs(poses - poses[-1:]) * np.array([1.0, 1.0, 0.0])
-        off[..., 2] = np.abs(poses[..., 2] - poses[-1:, :, 2]) * turns
+        off[..., 2] = np.abs(poses[..., 2] - poses[-1:, :, 2]) * reach
         out = ((poses[..., :2] < -reach[:, None]) | (poses[..., :2] > reach[:, None] + world.size)).any(
             axis=2
         )

@@ -56,3 +56,24 @@ def test_a_spin_in_the_picture_alone_is_the_angle() -> None:
     assert rotation_matrices(t.turns[-1, 0])[:2, :2] == pytest.approx(
         np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]), abs=1e-9
     )
+
+
+@pytest.mark.parametrize(
+    ("spin", "roll"), [(3.0, (0.0, 0.0)), (-3.0, (0.0, 5.0))], ids=["on the spot", "rolls"]
+)
+def test_rolling_resistance_brakes_the_spin_of_a_ball(spin: float, roll: tuple[float, float]) -> None:
+    """Evenly, down to rest: by c x normal force x radius over the moment. What is lost is friction's."""
+    r, k, resistance, press = 20.0, 0.4, 0.02, 980.0
+    scene = world(
+        ball(
+            "a", 100, 100, r=r, k=k, solid=Solid.SPHERE, rolling=resistance,
+            spin=spin, v=(-r * roll[1], 0.0), roll=roll,
+        ),
+        gravity=(0, 0), press=press, table=0.3, duration=2.0,
+    )  # fmt: skip
+    t = simulate(scene, np.linspace(0, 2, 21))
+    slows = resistance * press / (k * r)
+    expected = np.sign(spin) * np.maximum(abs(spin) - slows * t.times, 0)
+    assert t.velocities[:, 0, 2] == pytest.approx(expected, abs=slows / 960 + 1e-9)
+    assert t.velocities[-1, 0, 2] == 0
+    assert t.energy.kinetic + t.energy.dissipated == pytest.approx(t.energy.kinetic[0], rel=1e-3)
