@@ -170,11 +170,15 @@ class _Atlas:
         np.subtract(1, z, out=z)
         np.maximum(z, np.float32(1 - RIM * RIM), out=z)
         np.sqrt(z, out=z)  # towards the viewer
+        depth = v * along(turn[:, 2, 1]) + u * along(turn[:, 2, 0]) - z * along(turn[:, 2, 2])  # at t = 0
+        side = np.where(depth > 0, np.float32(-1), np.float32(1))  # of the far side the antipode is seen
         for k, place in enumerate((x, y)):
             back = 2 * radius[:, None] * turn[:, k]
             np.multiply(v, along(back[:, 1]), out=place)
-            place += u * along(back[:, 0]) + along(2 * (center - corner)[:, k])
+            place += u * along(back[:, 0])
             place -= z * along(back[:, 2])
+            place *= side
+            place += along(2 * (center - corner)[:, k])
             np.maximum(place, 0, out=place)
             np.minimum(place, along(self.last[some, k]), out=place)
             place += along(left) if k == 0 else np.float32(2 * GAP)
@@ -198,9 +202,9 @@ class ShadowSprites:
     """The sliding shadows of a background taken apart."""
 
     def __init__(self, casts: Sequence[CastShadow]) -> None:
-        sliding = [(k, *cast.sliding) for k, cast in enumerate(casts) if cast.sliding is not None]
+        sliding = [(k, *cast.sliding, cast.lean) for k, cast in enumerate(casts) if cast.sliding is not None]
         self._homes: dict[int, tuple[_Row, int]] = {}
-        for members in atlas_groups([picture.shape[::-1] for _, _, picture in sliding]):
+        for members in atlas_groups([picture.shape[::-1] for _, _, picture, _ in sliding]):
             row = _Row([sliding[i][1:] for i in members])
             self._homes |= {sliding[i][0]: (row, place) for place, i in enumerate(members)}
 
@@ -215,15 +219,17 @@ class ShadowSprites:
 
 
 class _Row:
-    def __init__(self, members: Sequence[tuple[tuple[int, int], F32]]) -> None:
-        self.picture, self.left = lay_side_by_side([picture for _, picture in members], cv2.BORDER_CONSTANT)
-        self.corner = np.array([corner for corner, _ in members], np.float64)
-        self.size = np.array([picture.shape[::-1] for _, picture in members])
+    def __init__(self, members: Sequence[tuple[tuple[int, int], F32, float]]) -> None:
+        corners, pictures, leans = zip(*members, strict=True)
+        self.picture, self.left = lay_side_by_side(pictures, cv2.BORDER_CONSTANT)
+        self.corner = np.array(corners, np.float64)
+        self.size = np.array([picture.shape[::-1] for picture in pictures])
+        self.way = 1 + np.array(leans)[:, None]
 
     def thrown(self, dark: F32, some: Sequence[tuple[int, SpritePose, float]]) -> list[Slices]:
         which = np.array([place for place, _, _ in some])
         shift = np.array([(s.pose.x - s.start.x, s.pose.y - s.start.y) for _, s, _ in some])
-        at = self.corner[which] + shift
+        at = self.corner[which] + self.way[which] * shift
         first = np.floor(at)
         low = np.maximum(first, 0)
         high = np.minimum(first + self.size[which] + 1, dark.shape[::-1])

@@ -1,8 +1,9 @@
 """A sphere in the photo: its colour without light, its gloss, and its shading.
 
-The colour turns with the ball; shading and highlights stay where the light is. The far side is the mirror image of the
-visible one: at the rim, where they meet, both agree. A ball has few paints: with each pixel's paint known, what else
-changes evenly over the ball is light; with light known, paints tell apart. Both are found in turn, in logarithms.
+The colour turns with the ball; shading and highlights stay where the light is. A point of the far side has the colour
+of its antipode: stripes go on round the ball, and numbers have their like behind. A ball has few paints: with each
+pixel's paint known, what else changes evenly over the ball is light; with light known, paints tell apart. Both are
+found in turn, in logarithms.
 """
 
 from __future__ import annotations

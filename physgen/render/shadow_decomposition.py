@@ -57,6 +57,10 @@ class ShadowTuning:
     """Of an object's size: how far around it what is dark may be its own."""
     claimed: tuple[float, float] = (0.02, 0.3)
     """Sum of objects' claims on a pixel from which its plate gives way to the clean picture, and where it is that."""
+    explained: float = 0.5
+    """Share of the spread of shadows' offsets that one near lamp must explain, to be believed."""
+    lamp: float = 1.5
+    """Times that spread: a part of each offset is the distant light's, which geometry predicts for all alike."""
     faint: float = 0.006
     """-log of light that is not missed: half a grey level of a middle grey."""
     cells: int = 24
@@ -83,6 +87,8 @@ class CastShadow:
     """Where the shadow never changes its shape: its corner, and all of it, beyond the photo's border too."""
     round: bool
     """Whether turning changes nothing."""
+    lean: float = 0.0
+    """px that a sliding shadow moves beyond its object for each px of the object's way: a lamp is near."""
 
 
 @dataclass(frozen=True)
@@ -118,9 +124,9 @@ class LitBackground:
         cast = self.casts[k]
         if cast.sliding is not None:
             corner, picture = cast.sliding
-            box, carried = shifted_picture(
-                picture, corner, (pose.x - start.x, pose.y - start.y), self.setting.size
-            )
+            far = 1 + cast.lean
+            shift = far * (pose.x - start.x), far * (pose.y - start.y)
+            box, carried = shifted_picture(picture, corner, shift, self.setting.size)
             return [] if box is None else [(box, carried)]
         found: list[tuple[PixelBox, F32]] = []
         if now is None:
@@ -296,6 +302,7 @@ def decompose_shadows(
             casts.append(cast)
         if cast.whole is not None:
             _add(total if k < len(starts) else left, *cast.whole)
+    casts = _leaning(casts)
     tint = _tint(lit, bare, dark, open_)
     least, most = SHADOW.claimed
     given = np.clip((claimed - least) / (most - least), 0, 1)
@@ -329,6 +336,27 @@ def _cast(
         return CastShadow(start, step, whole, own, (sliding[0][:2], sliding[1]), is_round)
     whole = _trimmed(*joined_pictures([own] if first is None else [first, own]))
     return CastShadow(start, step, whole if whole[1].size else None, own, None, is_round)
+
+
+def _leaning(casts: list[CastShadow]) -> list[CastShadow]:
+    """The same, with the lean of sliding shadows: how their offsets from their objects change with place."""
+    places, offsets, weights = [], [], []
+    for cast in casts:
+        if cast.sliding is not None and (moments := cv2.moments(np.maximum(cast.sliding[1], 0)))["m00"] > 0:
+            middle = np.array([moments["m10"], moments["m01"]]) / moments["m00"] + cast.sliding[0]
+            places.append(cast.start.center)
+            offsets.append((middle - places[-1]) / cast.start.thick)
+            weights.append(moments["m00"])
+    if len(weights) < 2:
+        return casts
+    place, offset = (np.array(part) - np.average(part, axis=0, weights=weights) for part in (places, offsets))
+    weight = np.array(weights)[:, None]
+    spread = float((weight * place**2).sum())
+    slope = float((weight * place * offset).sum()) / max(spread, 1e-9)
+    explained = slope**2 * spread / max(float((weight * offset**2).sum()), 1e-9)
+    if slope <= 0 or explained < SHADOW.explained:
+        return casts
+    return [replace(cast, lean=SHADOW.lamp * slope * cast.start.thick) for cast in casts]
 
 
 def unbounded_shadow(what: Silhouette, setting: ShadowSetting, step: int) -> tuple[PixelBox, F32]:

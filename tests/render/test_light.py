@@ -372,3 +372,78 @@ def test_a_block_seen_from_above_shows_its_upper_sides_above_its_front(degrees: 
     assert 0.7 <= shade.min() <= shade.max() < 1.6
     below = (rows > np.where(front > 0.5, rows, -1).max(axis=0)) & (front > 0.5).any(axis=0)
     assert not side[below & (front < 0.1)].any()
+
+
+def test_the_far_side_of_a_ball_goes_on_with_its_stripe() -> None:
+    """A striped ball is alike at antipodes: half a turn about any axis shows a stripe that the photo does not show."""
+    r, size = 40.0, (101, 101)
+    y, x = np.mgrid[:101, :101]
+    u, v = (x - 50) / r, (y - 50) / r
+    z = np.sqrt(np.maximum(1 - u * u - v * v, 0))
+    lambertian = (SUN.ambient + SUN.intensity * np.maximum(np.stack([u, v, z], -1) @ SUN.direction, 0))[
+        ..., None
+    ]
+
+    def ball_turned(turn):
+        body = np.stack([u, v, -z], -1) @ turn
+        stripe = np.abs(body @ np.array([0.5, 0.62, 0.6])) < 0.35
+        return (np.where(stripe[..., None], [0.6, 0.1, 0.08], [0.62, 0.55, 0.4]) * lambertian).astype(
+            np.float32
+        )
+
+    ball = ball_from_photo(ball_turned(np.eye(3)), (0, 0), (50.0, 50.0), r, SUN, View.TOP)
+    for vector in ([0.0, np.pi, 0.0], [2.4, 0.3, 0.5]):
+        turn = cv2.Rodrigues(np.array(vector))[0]
+        found = turned(ball, (50.0, 50.0), turn, size, (0, 0)) + ball.gloss
+        off = np.abs(encode_u8(found).astype(int) - encode_u8(ball_turned(turn))).max(-1)[z > 0.35]
+        assert (off > 30).mean() < 0.12
+
+
+def test_shadows_of_a_near_lamp_lean_away_from_it(tmp_path) -> None:
+    """Two discs, their shadows the farther off the farther they are from a lamp; one moves to its other side."""
+    lamp, lean, soft, way = np.array([130.0, 90.0]), 0.12, 3, np.array([110.0, 0.0])
+    yy, xx = np.mgrid[:180, :320]
+
+    def shade(middles):
+        dark = np.ones(xx.shape)
+        for at in middles:
+            x, y = at + lean * (at - lamp)
+            dark *= 1 - 0.5 * cv2.GaussianBlur(np.clip(16.5 - np.hypot(xx - x, yy - y), 0, 1), (0, 0), soft)
+        return dark[..., None]
+
+    middles = [np.array([60.0, 60.0]), np.array([270.0, 130.0])]
+    empty = np.full((180, 320, 3), 0.3)
+    cover = sum(np.clip(15.5 - np.hypot(xx - x, yy - y), 0, 1) for x, y in middles)
+    lit = empty * shade(middles)
+    (tmp_path / "photo.assets").mkdir()
+    photo = lit * (1 - cover[..., None]) + 0.5 * cover[..., None]
+    for name, picture in {
+        "photo": photo,
+        "photo.assets/clean": empty,
+        "photo.assets/background": lit,
+    }.items():
+        cv2.imwrite(str(tmp_path / f"{name}.png"), encode_u8(picture.astype(np.float32)))
+    masks = (np.hypot(xx - 60, yy - 60) < 15.5) + 2 * (np.hypot(xx - 270, yy - 130) < 15.5)
+    cv2.imwrite(str(tmp_path / "photo.assets/masks.png"), masks.astype(np.uint8))
+    (tmp_path / "scene.yaml").write_text("""\
+physgen: 1
+image: photo.png
+assets: photo.assets
+world: {view: top, duration: 1}
+objects:
+  a: {mask: 1, shape: {circle: {center: [60, 60], radius: 15}}, velocity: [110, 0]}
+  b: {mask: 2, shape: {circle: {center: [270, 130], radius: 15}}}
+light: {direction: [0, 0, 1]}
+""")
+    last = decode(frames(tmp_path / "scene.yaml", [0.0, 1.0])[-1].rgb)
+    now = [middles[0] + way, middles[1]]
+    bare = np.min([np.hypot(xx - x, yy - y) for x, y in now], axis=0) > 18
+    off = np.abs(last - empty * shade(now)).max(-1)[bare & (np.hypot(xx - 170, yy - 60) < 45)]
+    along = lamp + (middles[0] - lamp) * (1 + lean) + way  # a shadow that only moves along with its disc
+    stiff = 1 - 0.5 * cv2.GaussianBlur(
+        np.clip(16.5 - np.hypot(xx - along[0], yy - along[1]), 0, 1), (0, 0), soft
+    )
+    unlit = np.abs(empty[..., 0] * stiff - (empty * shade(now))[..., 0])[
+        bare & (np.hypot(xx - 170, yy - 60) < 45)
+    ]
+    assert off.mean() < 0.6 * unlit.mean()
