@@ -52,7 +52,7 @@ from physgen.perceive.roles import (
     Suitability,
 )
 from physgen.perceive.segment.prompts import Segmenter
-from physgen.perceive.shadow.shadow_removal import refill_background
+from physgen.perceive.shadow.shadow_removal import refill_background, remove_reflections
 from physgen.perceive.support.viewpoint import judge_suitability
 from physgen.photometry import decode, encode_u8
 from physgen.problems import InputError
@@ -127,9 +127,9 @@ def perceive(
         shadows: Shadows = run.role(
             "shadow", background, coverage, found.labels, objects, matter, boundaries, light
         )
-        again = partial(refill_background, inpaint=partial(run.crew.call, "inpaint"))
+        standing = found.labels if boundaries.view is View.SIDE else None
         refilled = shadows.clean is not None and not shadows.faint
-        cleaning = beside.submit(again, shadows.clean, background, coverage) if refilled else None
+        cleaning = beside.submit(run.refill, shadows, background, coverage, standing) if refilled else None
         labels, doubtful = document.with_doubtful(found.labels, found.doubtful)
         kept = {i: name for i, name in names.before.items() if i not in names.renamed}
         called = document.object_names(objects, kept)
@@ -190,6 +190,13 @@ class _Run:
         coverage: F32 = self.crew.call("matte", self.rgb, labels)
         self.crew.release("matte")
         return coverage, fill_behind(self.rgb, coverage > 0, partial(self.crew.call, "inpaint"))
+
+    def refill(self, shadows: Shadows, background: Rgb, coverage: F32, standing: Labels | None) -> Rgb:
+        """The background without shadows, and without reflections of the objects that are `standing` on a floor."""
+        assert shadows.clean is not None
+        inpaint = partial(self.crew.call, "inpaint")
+        clean = refill_background(shadows.clean, background, coverage, inpaint)
+        return clean if standing is None else remove_reflections(clean, standing, coverage, inpaint)
 
     def detect(self, nouns: Sequence[str]) -> tuple[Detections, Scenery | None]:
         """Segments the photo."""

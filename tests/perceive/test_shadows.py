@@ -9,7 +9,7 @@ import pytest
 from physgen import registry
 from physgen.geometry.polygon import Disc, Region, Ring
 from physgen.perceive.roles import BoundaryGuess, LightGuess, PhotoObject, Shadows, Wall
-from physgen.perceive.shadow.shadow_removal import refill_background, remove_shadows
+from physgen.perceive.shadow.shadow_removal import refill_background, remove_reflections, remove_shadows
 from physgen.photometry import DistantLight
 from physgen.scene.scene import View
 from tests.perceive.lambertian import overlap
@@ -351,3 +351,20 @@ def test_no_bright_wall_comes_where_a_dark_panel_is() -> None:
 
         clean = refill_background(lifted, background, coverage, inpaint)[76:80, 60:100]
         assert (clean == (30 if kept else grey)).all(), grey
+
+
+def test_what_a_floor_mirrors_of_an_object_goes_and_the_floors_own_pattern_stays() -> None:
+    inpaint = registry.make("inpaint")
+    labels = np.zeros((120, 200), np.uint16)
+    labels[20:70, 50:70], labels[30:70, 130:150] = 1, 2
+    fade = np.clip(1 - (Y - 70) / 18, 0, 1) * (Y >= 70)
+    mirrored = 0.5 * fade * (np.abs(X - 59.5) < 10)
+    floor = BOARDS * (1 - mirrored[..., None]) + mirrored[..., None] * np.array([250, 120, 30])
+    floor[:, 137:142] = BOARDS[:, 137:142] // 2  # a groove, narrower than the object's foot
+    picture = floor.astype(np.uint8)
+    clean = remove_reflections(picture, labels, (labels > 0).astype(np.float32), inpaint)
+    there = mirrored > 0.1
+    was, now = (np.abs(p[there].astype(float) - BOARDS[there]).mean() for p in (picture, clean))
+    assert was > 20
+    assert now < 8
+    assert np.array_equal(clean[:, 100:], picture[:, 100:])

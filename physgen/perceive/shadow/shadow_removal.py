@@ -1,4 +1,4 @@
-"""Removal of shadows from the background, refilling of what lay in them, and their assignment to objects.
+"""Removal of shadows and reflections from the background, its refilling, and shadows' assignment to objects.
 
 The light of a place without its shadow is read off the same kind of surface nearby: along the row first, since a floor
 seen from the side changes least that way. The missing light follows the prediction of geometry; where the photo differs
@@ -71,7 +71,23 @@ class _Refill:
     visible: int = 3  # grey levels: a smaller change is no shadow
 
 
-TUNING, REFILL = _Tuning(), _Refill()
+@dataclass(frozen=True)
+class _Reflection:
+    """What a floor mirrors, chosen on the studio's photos: backgrounds of dominoes and bottle-book gain, none loses."""
+
+    another: float = (
+        0.3  # share of an object's width on another object from which it stands on that, on no floor
+    )
+    dark: float = 0.01  # light added before logarithms, so that noise in the dark does not count
+    smooth: float = 1.5  # px: finer differences are grain
+    loud: float = 2.5  # times the texture of the rows around it, from which a difference is a reflection
+    least: float = 0.1  # -log of light: a fainter one is not seen
+    inside: float = 0.9  # share of it that lies in the object's mirror image
+    foot: int = 10  # part of the object's height that counts as its foot
+    wide: float = 0.7  # of the foot's width: a narrower difference is the floor's own pattern
+
+
+TUNING, REFILL, REFLECTION = _Tuning(), _Refill(), _Reflection()
 
 
 def hue_weights(linear: F32, plain: F32 | Mask, most: int) -> list[F32]:
@@ -303,6 +319,53 @@ def refill_background(removed: Rgb, background: Rgb, coverage: F32, inpaint: Inp
         if np.quantile(brighter[mine], 1 - REFILL.outliers) > REFILL.brighter * most:
             new &= ~mine
     return np.where(new[..., None], filled, old)
+
+
+def remove_reflections(clean: Rgb, labels: Labels, coverage: F32, inpaint: Inpaint) -> Rgb:
+    """`clean` (H, W, 3) of a photo from the side, without what a floor mirrors of the objects on it.
+
+    A reflection lies within the object's own mirror image below its foot, begins at the foot and differs from its rows
+    by more than their texture.
+    """
+    mirrored, widths = np.zeros_like(labels), np.zeros(int(labels.max()) + 1)
+    height, areas = len(labels), np.bincount(labels.ravel())[1:]
+    size = float(np.median(areas[areas > 0]) ** 0.5) if areas.any() else 1.0
+    for number in np.unique(labels[labels > 0]):
+        own = np.where(labels == number, number, 0).astype(labels.dtype)
+        left, top, width, tall = cv2.boundingRect((own > 0).astype(np.uint8))
+        foot, deep = top + tall, min(tall, height - top - tall)
+        on_another = np.mean(labels[min(foot + 2, height - 1), left : left + width] > 0) > REFLECTION.another
+        if deep > REFILL.ring and not on_another:
+            np.maximum(
+                mirrored[foot : foot + deep], own[foot - deep : foot][::-1], out=mirrored[foot : foot + deep]
+            )
+            widths[number] = np.ptp(
+                np.flatnonzero(own[foot - 1 - deep // REFLECTION.foot : foot].any(axis=0))
+            )
+    mirrored = np.asarray(cv2.dilate(mirrored, np.ones((1, 2 * REFILL.ring + 1), np.uint8)), labels.dtype)
+    free = away_from_objects(coverage, REFILL.ring).astype(np.float32)
+    plain = free * (mirrored == 0)
+    reaches = [(a * size, max(d * size, 0.7), gain) for a, d, gain in TUNING.reaches]
+    every = [np.ones_like(free)]
+    differs = np.zeros_like(free)
+    for part in cv2.split(np.log(decode(clean) + REFLECTION.dark)):
+        rest = part - mean_of_kind(part, plain, every, reaches, tiny=1e-12)
+        differs = np.maximum(differs, np.abs(_mean(rest * free, free, REFLECTION.smooth, REFLECTION.smooth)))
+    texture = mean_of_kind(differs**2, plain, every, reaches[1:], tiny=1e-12) ** 0.5
+    seen = ((differs > np.maximum(REFLECTION.loud * texture, REFLECTION.least)) & (free > 0)).astype(np.uint8)
+    count, names, stats, _ = cv2.connectedComponentsWithStats(seen, connectivity=4)
+    area, inside = stats[:, cv2.CC_STAT_AREA], np.bincount(names.ravel(), (mirrored > 0).ravel(), count)
+    owner = np.zeros(count, mirrored.dtype)
+    np.maximum.at(
+        owner, names.ravel(), np.where(away_from_objects(coverage, 2 * REFILL.ring), 0, mirrored).ravel()
+    )
+    wide = stats[:, cv2.CC_STAT_WIDTH] > REFLECTION.wide * widths[owner]
+    taken = (area > SPECK) & (inside > REFLECTION.inside * area) & (owner > 0) & wide
+    taken[0] = False
+    if not taken.any():
+        return clean
+    hole = cv2.dilate(taken[names].astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    return np.where(hole[..., None], inpaint(clean, hole), clean)
 
 
 # assignment
