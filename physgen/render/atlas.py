@@ -12,7 +12,7 @@ from math import ceil, log
 import cv2
 import numpy as np
 
-from physgen.render.ball import F32, RIM, Array, Ball
+from physgen.render.ball import F32, RIM, Array, Ball, equal_area
 from physgen.render.shadow_decomposition import CastShadow
 from physgen.render.sprites import Sprite, double_resolution
 from physgen.render.stage import Placement, Slices, SpritePose
@@ -141,6 +141,13 @@ class _Atlas:
         self.center = np.array([ball.center for _, ball in members], np.float64)
         self.radius = np.array([ball.radius for _, ball in members], np.float64)
         self.last = 2 * (within[:, 2:] - within[:, :2]) - 2  # half pixels, of each picture's own end
+        for k, (_, ball) in enumerate(members):
+            (right, low), first = self.last[k].astype(int) + 1, int(self.left[k])
+            place = np.s_[2 * GAP : 2 * GAP + low, first : first + right]
+            middle = 2 * (self.center[k] - self.corner[k])
+            self.skin[place][..., :3] = equal_area(
+                self.skin[place][..., :3], middle, 2 * ball.radius, ball.paints
+            )
 
     def drawn(self, which: Sequence[int], wheres: Sequence[Placement], fine: int) -> list[tuple[F32, F32]]:
         """See `Balls.drawn`; of the atlas' balls `which`."""
@@ -171,7 +178,8 @@ class _Atlas:
         np.maximum(z, np.float32(1 - RIM * RIM), out=z)
         np.sqrt(z, out=z)  # towards the viewer
         depth = v * along(turn[:, 2, 1]) + u * along(turn[:, 2, 0]) - z * along(turn[:, 2, 2])  # at t = 0
-        side = np.where(depth > 0, np.float32(-1), np.float32(1))  # of the far side the antipode is seen
+        # of the far side the antipode is seen; skins are in the equal-area projection
+        side = np.copysign(1 / np.sqrt(1 + np.abs(depth)), -depth)
         for k, place in enumerate((x, y)):
             back = 2 * radius[:, None] * turn[:, k]
             np.multiply(v, along(back[:, 1]), out=place)

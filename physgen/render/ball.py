@@ -56,6 +56,7 @@ class BallTuning:
     gloss_least: float = 0.6  # linear light that the dimmest channel of a highlight has at least
     outshines: float = 1.2  # times the brightest paint elsewhere on the ball that a highlight has at least
     clipped: float = 0.9  # linear light that hardly any paint sends back
+    angles: int = 128  # places along the rim at which paints are looked up
     gloss_cosine: float = 0.80
     """Of the angle between a highlight's normal and the mirror's direction, at least."""
 
@@ -196,6 +197,9 @@ class Ball:
     even: F32 | None = None  # (8, 3) of `paints.basis`: log of what light does beyond Lambert's law
     trust: float = 1.0
     """0..1: how far the photo shows this light on it; the power that Lambert's shading is raised to."""
+    paints: F32 | None = (
+        None  # (K, 3) linear, of a ball that is seen from above: all that its skin has at the rim
+    )
     fade: F32 | None = None  # (h, w) by which the light at the rim differs from that; it does not turn
 
     def shade(self, u: F32, v: F32, z: F32) -> F32:
@@ -277,15 +281,18 @@ def ball_from_photo(
             # towards the rim, where few slanted pixels stand for much of the far side, paints instead of pixels
             share = np.clip((rho - NEAR_RIM[0]) / (NEAR_RIM[1] - NEAR_RIM[0]), 0, 1)[..., None]
             bare += share * (_flat(bare, found, 5) - bare)
+            ball = replace(ball, paints=found.colours)
         ball = replace(ball, skin=bare)
     if _plain(bare, su, sv, z, rho < RIM):
         # a ball of one colour looks the same however it has turned: all that is uneven is light, and stays
-        ball = replace(ball, skin=np.broadcast_to(np.median(bare[rho < RIM], axis=0), bare.shape).copy())
+        even = np.broadcast_to(np.median(bare[rho < RIM], axis=0), bare.shape).copy()
+        ball = replace(ball, skin=even, paints=None)
         return replace(ball, gloss=colour - ball.skin * ball.lit)
     # no skin sends back more than the brightest that is seen of it in full light
     brightest = np.percentile((inner - shine)[rho < RIM], 98, axis=0) if (rho < RIM).any() else np.ones(3)
     most = BALL.brighter * brightest / (light.ambient + light.intensity)
-    ball = replace(ball, skin=np.minimum(ball.skin, most.astype(np.float32)))
+    paints = None if ball.paints is None else np.minimum(ball.paints, most.astype(np.float32))
+    ball = replace(ball, skin=np.minimum(ball.skin, most.astype(np.float32)), paints=paints)
     # what the model has not of the rim is the light's doing, and stays: its brightness, not its colours
     model = (ball.skin * ball.lit).mean(axis=2)
     share = blurred_share(
@@ -317,6 +324,42 @@ def blurred_share(seen: F32, model: F32, weight: F32, sigma: float) -> F32:
     """(h, w) how much brighter an object is than its model, evenly."""
     above, below = (cv2.GaussianBlur(part * weight, (0, 0), sigma) for part in (seen, model))
     return np.asarray(np.clip(above / np.maximum(below, 1e-3), 1 / BALL.fades, BALL.fades), np.float32)
+
+
+def equal_area(skin: F32, center: Array, radius: float, paints: F32 | None) -> F32:
+    """(h, w, 3) the near side of a `skin` (h, w, 3) in Lambert's azimuthal equal-area projection.
+
+    There the rim, which the photo hardly shows, is wide enough for borders between `paints` to go on from where they
+    meet it to where those of the antipodes do: signed distances from borders change evenly between them.
+    """
+    n, last = BALL.angles, float(np.sqrt(1 - RIM * RIM))
+
+    def seen(u: Array, v: Array) -> F32:
+        x, y = (np.asarray(c + radius * part, np.float32) for c, part in zip(center, (u, v), strict=True))
+        return np.asarray(
+            cv2.remap(skin, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32
+        )
+
+    x, y = ((np.arange(size) - c) / radius for size, c in zip(skin.shape[1::-1], center, strict=True))
+    u, v = np.meshgrid(x, y)
+    z = 1 - u * u - v * v
+    out = np.sqrt(1 + np.maximum(z, 0))
+    found = seen(out * u, out * v)
+    if paints is None or len(paints) < 2:
+        return found
+    turn = 2 * np.pi * np.arange(n)[None] / n
+    rim = seen(RIM * np.cos(turn), RIM * np.sin(turn))[0]
+    painted = np.abs(rim[:, None] - paints).max(axis=2).argmin(axis=1)[:, None] == np.arange(len(paints))
+    apart = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
+    apart = np.minimum(apart, n - apart)[..., None]
+    to, off = (np.where(part[None], apart, n).min(axis=1) for part in (painted, ~painted))
+    border = off - to  # (n, K)
+    edge = z < last
+    at = np.rint(np.arctan2(v[edge], u[edge]) / (2 * np.pi) * n).astype(int)
+    share = (0.5 - 0.5 * np.maximum(z[edge], 0) / last)[:, None]
+    mixed = (1 - share) * border[at % n] + share * border[(at + n // 2) % n]
+    found[edge] = paints[mixed.argmax(axis=1)]
+    return found
 
 
 def _flat(bare: F32, found: Paints, width: int) -> F32:

@@ -1,5 +1,5 @@
 // A ball's skin, light and gloss -> the ball as it has turned in space: skin turns, light stays.
-// The same rule as physgen.render.atlas: a point of the side that the photo does not show has its mirror image's colour.
+// The same rule as physgen.render.atlas: a point of the side that the photo does not show has its antipode's colour.
 
 const RIM = 0.955; // of the radius: beyond it the skin goes on as it is there
 const CODE = Uint8ClampedArray.from({ length: 4097 }, (_, k) => {
@@ -54,8 +54,9 @@ function makeBall({ center: [cx, cy], radius }, most, images) {
         if (!(out.data[at + 3] = cut.data[at + 3])) continue;
         const u = (column - cx) / radius, v = (row - cy) / radius, z = Math.sqrt(Math.max(1 - u * u - v * v, far));
         // back to where the point was at t = 0: the transposed matrix
-        const x = clamp(cx + radius * (m[0] * u + m[3] * v - m[6] * z), 0, width - 1.001);
-        const y = clamp(cy + radius * (m[1] * u + m[4] * v - m[7] * z), 0, height - 1.001);
+        const side = m[2] * u + m[5] * v - m[8] * z > 0 ? -radius : radius;
+        const x = clamp(cx + side * (m[0] * u + m[3] * v - m[6] * z), 0, width - 1.001);
+        const y = clamp(cy + side * (m[1] * u + m[4] * v - m[7] * z), 0, height - 1.001);
         const x0 = x | 0, y0 = y | 0, fx = x - x0, fy = y - y0, from = 4 * (y0 * width + x0), below = from + 4 * width;
         for (let c = 0; c < 3; c += 1) {
           const top = skin[from + c] + fx * (skin[from + 4 + c] - skin[from + c]);
