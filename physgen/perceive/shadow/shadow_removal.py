@@ -82,6 +82,7 @@ class _Reflection:
     smooth: float = 1.5  # px: finer differences are grain
     loud: float = 2.5  # times the texture of the rows around it, from which a difference is a reflection
     least: float = 0.1  # -log of light: a fainter one is not seen
+    most: float = 0.5  # mean -log of light: a floor mirrors no more, what differs more is another surface
     inside: float = 0.9  # share of it that lies in the object's mirror image
     foot: int = 10  # part of the object's height that counts as its foot
     wide: float = 0.7  # of the foot's width: a narrower difference is the floor's own pattern
@@ -347,10 +348,11 @@ def remove_reflections(clean: Rgb, labels: Labels, coverage: F32, inpaint: Inpai
     plain = free * (mirrored == 0)
     reaches = [(a * size, max(d * size, 0.7), gain) for a, d, gain in TUNING.reaches]
     every = [np.ones_like(free)]
-    differs = np.zeros_like(free)
+    differs, brighter = np.zeros_like(free), np.zeros_like(free)
     for part in cv2.split(np.log(decode(clean) + REFLECTION.dark)):
         rest = part - mean_of_kind(part, plain, every, reaches, tiny=1e-12)
-        differs = np.maximum(differs, np.abs(_mean(rest * free, free, REFLECTION.smooth, REFLECTION.smooth)))
+        rest = _mean(rest * free, free, REFLECTION.smooth, REFLECTION.smooth)
+        differs, brighter = np.maximum(differs, np.abs(rest)), brighter + rest / 3
     texture = mean_of_kind(differs**2, plain, every, reaches[1:], tiny=1e-12) ** 0.5
     seen = ((differs > np.maximum(REFLECTION.loud * texture, REFLECTION.least)) & (free > 0)).astype(np.uint8)
     count, names, stats, _ = cv2.connectedComponentsWithStats(seen, connectivity=4)
@@ -360,7 +362,10 @@ def remove_reflections(clean: Rgb, labels: Labels, coverage: F32, inpaint: Inpai
         owner, names.ravel(), np.where(away_from_objects(coverage, 2 * REFILL.ring), 0, mirrored).ravel()
     )
     wide = stats[:, cv2.CC_STAT_WIDTH] > REFLECTION.wide * widths[owner]
-    taken = (area > SPECK) & (inside > REFLECTION.inside * area) & (owner > 0) & wide
+    level = np.abs(np.bincount(names.ravel(), brighter.ravel(), count)) / area
+    taken = (
+        (area > SPECK) & (inside > REFLECTION.inside * area) & (owner > 0) & wide & (level < REFLECTION.most)
+    )
     taken[0] = False
     if not taken.any():
         return clean
