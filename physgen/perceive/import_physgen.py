@@ -44,7 +44,7 @@ from physgen.perceive.roles import (
     Shadows,
     Wall,
 )
-from physgen.perceive.shadow.shadow_removal import refill_background, remove_reflections
+from physgen.perceive.shadow.shadow_removal import refill_background
 from physgen.photometry import decode as linear_light
 from physgen.photometry import fit_light
 from physgen.photos import read_image
@@ -155,11 +155,8 @@ def import_physgen(
         document["light"] = light
     shadows = _find_shadows(percepts, objects, sim)
     if (clean := shadows.clean) is not None:
-        if not shadows.faint:
-            inpaint = registry.make("inpaint")
-            clean = refill_background(clean, background, coverage, inpaint)
-            if sim.gravity:
-                clean = remove_reflections(clean, labels, coverage, inpaint)
+        standing = labels if sim.gravity else None
+        clean = refill_background(clean, background, coverage, registry.make("inpaint"), standing)
         percepts = replace(percepts, clean=clean)
         source = provenance("shadows", shadows.confidence)
         document["light"] = light_entry(shadows.light) | {"softness": shadows.softness, "from": source}

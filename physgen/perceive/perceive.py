@@ -52,7 +52,7 @@ from physgen.perceive.roles import (
     Suitability,
 )
 from physgen.perceive.segment.prompts import Segmenter
-from physgen.perceive.shadow.shadow_removal import refill_background, remove_reflections
+from physgen.perceive.shadow.shadow_removal import refill_background
 from physgen.perceive.support.viewpoint import judge_suitability
 from physgen.photometry import decode, encode_u8
 from physgen.problems import InputError
@@ -128,8 +128,8 @@ def perceive(
             "shadow", background, coverage, found.labels, objects, matter, boundaries, light
         )
         standing = found.labels if boundaries.view is View.SIDE else None
-        refilled = shadows.clean is not None and not shadows.faint
-        cleaning = beside.submit(run.refill, shadows, background, coverage, standing) if refilled else None
+        again = partial(refill_background, inpaint=partial(run.crew.call, "inpaint"), standing=standing)
+        cleaning = shadows.clean is not None and beside.submit(again, shadows.clean, background, coverage)
         labels, doubtful = document.with_doubtful(found.labels, found.doubtful)
         kept = {i: name for i, name in names.before.items() if i not in names.renamed}
         called = document.object_names(objects, kept)
@@ -156,7 +156,7 @@ def perceive(
         unknown = (document.unknown_label(t.label) for t in objects if t.id in names.renamed)
         warnings = tuple(dict.fromkeys(problem for problem in unknown if problem))
         suits = judge_suitability(rgb, found, objects, boundaries)
-        clean = cleaning.result() if cleaning else shadows.clean
+        clean = cleaning.result() if cleaning else None
         run.crew.release("inpaint")
         percepts = Percepts(
             rgb=rgb, labels=labels, coverage=coverage, background=background, clean=clean, shadows=shadows.owners,
@@ -190,13 +190,6 @@ class _Run:
         coverage: F32 = self.crew.call("matte", self.rgb, labels)
         self.crew.release("matte")
         return coverage, fill_behind(self.rgb, coverage > 0, partial(self.crew.call, "inpaint"))
-
-    def refill(self, shadows: Shadows, background: Rgb, coverage: F32, standing: Labels | None) -> Rgb:
-        """The background without shadows, and without reflections of the objects that are `standing` on a floor."""
-        assert shadows.clean is not None
-        inpaint = partial(self.crew.call, "inpaint")
-        clean = refill_background(shadows.clean, background, coverage, inpaint)
-        return clean if standing is None else remove_reflections(clean, standing, coverage, inpaint)
 
     def detect(self, nouns: Sequence[str]) -> tuple[Detections, Scenery | None]:
         """Segments the photo."""

@@ -289,13 +289,19 @@ def _tint(linear: F32, clean: F32, gone: F32, free: F32) -> F32:
     return np.asarray(np.clip(share, *TUNING.tint), np.float32)
 
 
-def refill_background(removed: Rgb, background: Rgb, coverage: F32, inpaint: Inpaint) -> Rgb:
+def refill_background(
+    removed: Rgb, background: Rgb, coverage: F32, inpaint: Inpaint, standing: Labels | None = None
+) -> Rgb:
     """The background with what lies behind and between objects filled again, from surroundings without shadows.
 
     Only where a shadow was removed beside it, and the new fill suits its surroundings: the first fill is from a smaller
-    hole.
+    hole. Then reflections of objects that are `standing` on a floor (H, W) go.
     """
+    refilled = _refilled(removed, background, coverage, inpaint)
+    return refilled if standing is None else remove_reflections(refilled, standing, coverage, inpaint)
 
+
+def _refilled(removed: Rgb, background: Rgb, coverage: F32, inpaint: Inpaint) -> Rgb:
     def widened(mask: NDArray[np.uint8], by: int) -> NDArray[np.uint8]:
         return np.asarray(cv2.dilate(mask, np.ones((2 * by + 1, 2 * by + 1), np.uint8)), np.uint8)
 
@@ -348,21 +354,19 @@ def remove_reflections(clean: Rgb, labels: Labels, coverage: F32, inpaint: Inpai
     plain = free * (mirrored == 0)
     reaches = [(a * size, max(d * size, 0.7), gain) for a, d, gain in TUNING.reaches]
     every = [np.ones_like(free)]
-    differs, brighter = np.zeros_like(free), np.zeros_like(free)
-    for part in cv2.split(np.log(decode(clean) + REFLECTION.dark)):
-        rest = part - mean_of_kind(part, plain, every, reaches, tiny=1e-12)
-        rest = _mean(rest * free, free, REFLECTION.smooth, REFLECTION.smooth)
-        differs, brighter = np.maximum(differs, np.abs(rest)), brighter + rest / 3
-    texture = mean_of_kind(differs**2, plain, every, reaches[1:], tiny=1e-12) ** 0.5
+    logs = cv2.split(np.log(decode(clean) + REFLECTION.dark))
+    rests = [part - mean_of_kind(part, plain, every, reaches, tiny=1e-12) for part in logs]
+    rests = [_mean(rest * free, free, REFLECTION.smooth, REFLECTION.smooth) for rest in rests]
+    differs = np.asarray(np.max(np.abs(rests), axis=0), np.float32)
+    texture = np.sqrt(mean_of_kind(differs**2, plain, every, reaches[1:], tiny=1e-12))
     seen = ((differs > np.maximum(REFLECTION.loud * texture, REFLECTION.least)) & (free > 0)).astype(np.uint8)
     count, names, stats, _ = cv2.connectedComponentsWithStats(seen, connectivity=4)
     area, inside = stats[:, cv2.CC_STAT_AREA], np.bincount(names.ravel(), (mirrored > 0).ravel(), count)
-    owner = np.zeros(count, mirrored.dtype)
-    np.maximum.at(
-        owner, names.ravel(), np.where(away_from_objects(coverage, 2 * REFILL.ring), 0, mirrored).ravel()
-    )
+    beside = (mirrored > 0) & ~away_from_objects(coverage, 2 * REFILL.ring)
+    owner = np.zeros(count, np.int64)
+    owner[names[beside]] = mirrored[beside]
     wide = stats[:, cv2.CC_STAT_WIDTH] > REFLECTION.wide * widths[owner]
-    level = np.abs(np.bincount(names.ravel(), brighter.ravel(), count)) / area
+    level = np.abs(np.bincount(names.ravel(), np.mean(rests, axis=0).ravel(), count)) / area
     taken = (
         (area > SPECK) & (inside > REFLECTION.inside * area) & (owner > 0) & wide & (level < REFLECTION.most)
     )
