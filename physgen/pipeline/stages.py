@@ -190,6 +190,8 @@ def _put_back(
     """Maps, coverage and background with the photo where `doubtful` ids were cut out as objects: they are none."""
     from physgen.perceive.inpaint.poisson import dilate
 
+    if not doubtful:
+        return maps, coverage, background
     flat = maps.labels.ravel()
     whole = np.flatnonzero(np.bincount(flat, coverage.ravel()) > 0.75 * np.bincount(flat))
     there = dilate(np.isin(maps.labels, [i for i in whole if i in doubtful]), 10) & ~dilate(labels > 0, 3)

@@ -369,11 +369,12 @@ def _spread_into(values: F32, weight: F32, sigma: float) -> F32:
 
 def _tint(lit: F32, bare: F32, dark: F32, where: NDArray[np.bool_]) -> F32:
     """(3,) least squares of each channel's darkening by that of the luminance."""
-    seen = where & (dark > 0.3) & (lit.min(axis=2) > 2e-3) & (bare.min(axis=2) > 2e-3)
+    there = where & (dark > 0.3)
+    lit, bare, d = lit[there], bare[there], dark[there][:, None]
+    seen = (lit.min(axis=1) > 2e-3) & (bare.min(axis=1) > 2e-3)
     if np.count_nonzero(seen) < 200:
         return np.ones(3, np.float32)
-    each = np.log(bare[seen] / lit[seen])
-    d = dark[seen][:, None]
+    each, d = np.log(bare[seen] / lit[seen]), d[seen]
     return np.asarray(np.clip((each * d).sum(axis=0) / (d * d).sum(), 0.85, 1.15), np.float32)
 
 

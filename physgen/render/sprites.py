@@ -468,8 +468,9 @@ def anchored(
     through = _seen_through(sprites, insides, places, top)
     covered = through < CUT.covered
     top[covered], through[covered] = last[covered], 1
-    rest = (photo - composite) / through[..., None]
-    rest[_soft(absent) > CUT.least] = 0.0
+    rest = (photo - composite) / cv2.merge((through, through, through))
+    if absent.any():
+        rest[_soft(absent) > CUT.least] = 0.0
     near = _nearest(top, absent, round(CUT.halo * max(height, width)))
     if owner is not None:
         near = np.where(owner > 0, owner, near)
