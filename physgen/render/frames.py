@@ -49,7 +49,7 @@ def encode_picture(linear: NDArray[np.float32]) -> NDArray[np.uint8]:
     """The nearest sRGB code of linear light, any shape (h, w, 3); the same bytes as `encode_u8`, in less time."""
     index = linear * np.float32(65535)
     index += np.float32(0.5)
-    return np.asarray(_table().take(index.astype(np.int32), mode="clip"), np.uint8)
+    return np.asarray(_table().take(index.astype(np.intp), mode="clip"), np.uint8)
 
 
 @cache
@@ -362,7 +362,8 @@ def _smeared(
     if (low >= high).any():
         return None
     shape = (int(high[0] - low[0]), int(high[1] - low[1]))
-    sharp = cv2.merge([*cv2.split(light), coverage])
+    sharp = np.empty((*coverage.shape, 4), np.float32)
+    cv2.mixChannels([light, coverage], [sharp], [0, 0, 1, 1, 2, 2, 3, 3])
     total = np.zeros((shape[1], shape[0], 4), np.float32)
     for move in moves:
         move[:, 2] += corner - low

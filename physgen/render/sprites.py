@@ -41,17 +41,27 @@ def _halved(values: F32, axis: int) -> F32:
 
     Each is held between the least and the greatest of its four neighbours: no rings.
     """
-    v = np.moveaxis(values, axis, 0)
-    out = np.empty((2 * len(v) - 1, *v.shape[1:]), np.float32)
-    out[::2] = v
-    p = np.concatenate([v[:1], v[:1], v, v[-1:], v[-1:]])
-    pairs = [p[k : k + len(v) - 1] + p[5 - k : 4 - k + len(v)] for k in range(3)]
-    between = sum((w * pair for w, pair in zip(HALFWAY, pairs, strict=True)), np.float32(0))
-    inner, outer = (v[:-1], v[1:]), (p[1 : len(v)], p[4 : 3 + len(v)])
-    low = np.minimum(np.minimum(*inner), np.minimum(*outer))
-    high = np.maximum(np.maximum(*inner), np.maximum(*outer))
-    np.clip(between, low, high, out=out[1::2])
-    return np.ascontiguousarray(np.moveaxis(out, 0, axis))
+    tall, wide = 2 * (axis == 0), 2 * (axis == 1)
+    whole = cv2.copyMakeBorder(values, tall, tall, wide, wide, cv2.BORDER_REPLICATE)
+    steps = values.shape[axis] - 1
+    # the three pixels before each gap, and the three behind it
+    p = [whole[k : k + steps] if axis == 0 else whole[:, k : k + steps] for k in range(6)]
+    between = np.zeros_like(p[0])
+    for k, weight in enumerate(HALFWAY):
+        pair = p[k] + p[5 - k]
+        pair *= weight
+        between += pair
+    low, high = np.minimum(p[2], p[3]), np.maximum(p[2], p[3])
+    for beyond in (p[1], p[4]):
+        np.minimum(low, beyond, out=low)
+        np.maximum(high, beyond, out=high)
+    shape = list(values.shape)
+    shape[axis] += steps
+    out = np.empty(shape, np.float32)
+    odd, even = (np.s_[1::2], np.s_[::2]) if axis == 0 else (np.s_[:, 1::2], np.s_[:, ::2])
+    out[even] = values
+    np.clip(between, low, high, out=out[odd])
+    return out
 
 
 MOST_RELIGHTING = 3.0
