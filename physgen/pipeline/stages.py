@@ -83,10 +83,14 @@ def compile(scene: Scene, maps: Percepts | None) -> Compiled:
     return ended(scene, compile_scene(scene, None if maps is None else maps.labels))
 
 
-def ended(scene: Scene, compiled: Compiled) -> Compiled:
-    """The same with `duration: auto` resolved: 0.5 s of video after the last motion that shows."""
+def ended(scene: Scene, compiled: Compiled, tape: StepLog | None = None) -> Compiled:
+    """The same with `duration: auto` resolved: 0.5 s of video after the last motion that shows.
+
+    A `tape` that is kept saves running the same world again.
+    """
     from physgen.compile.compile import frame_times
     from physgen.scene.scene import Solid
+    from physgen.simulate.recorder import StepLog
 
     if not scene.world.until_rest:
         return compiled
@@ -94,9 +98,11 @@ def ended(scene: Scene, compiled: Compiled) -> Compiled:
     world, pause, most = compiled.world, 0.5 / slow, scene.world.duration / slow
     reach = np.array([body.reach for body in world.bodies] or [0.0])
     turns = reach * np.array([body.solid is not Solid.SPHERE for body in world.bodies] or [False])
+    tape = tape or StepLog()
     for length in (*(part / slow for part in (1.25, 2.5, 5.0) if part / slow < most), most):
         times = np.arange(0.0, length, pause / 15)
-        poses = simulate(replace(world, duration=length, times=times)).poses
+        run = tape.read(times, motion_only=True)
+        poses = (run or simulate(replace(world, duration=most, times=times), tape=tape)).poses
         off = np.abs(poses - poses[-1:]) * np.array([1.0, 1.0, 0.0])
         off[..., 2] = np.abs(poses[..., 2] - poses[-1:, :, 2]) * turns
         out = ((poses[..., :2] < -reach[:, None]) | (poses[..., :2] > reach[:, None] + world.size)).any(
