@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from math import ceil
 
 import cv2
@@ -108,10 +108,19 @@ class LitBackground:
 
     def limited(self, dark: F32, box: tuple[slice, slice]) -> F32:
         """(h, w) of the sum `dark` (h, w) of shadows: of direct light that one keeps away others keep away no more."""
-        over = dark - np.maximum(self.total[box], self.setting.shade)
+        over = dark - self._most[box]
         if over.max() <= 0:
             return dark
-        return np.asarray(np.where(over > 0, dark - over + 1 - cv2.exp(-over), dark), np.float32)
+        kept = dark - over
+        kept += 1
+        kept -= cv2.exp(-over)
+        np.copyto(kept, dark, where=over <= 0)
+        return np.asarray(kept, np.float32)
+
+    @cached_property
+    def _most(self) -> F32:
+        """(H, W): what one object may keep away."""
+        return np.maximum(self.total, self.setting.shade)
 
     def moved(self, k: int, now: Silhouette | None, start: Pose, pose: Pose) -> list[tuple[PixelBox, F32]]:
         """What object k adds now, at `pose` instead of `start`: boxes, and what is dark there."""

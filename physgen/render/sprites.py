@@ -33,7 +33,8 @@ HALFWAY = [np.float32(lobe / (2 * sum(_LOBES))) for lobe in _LOBES]
 
 def double_resolution(picture: F32) -> F32:
     """(2h - 1, 2w - 1[, C]) of a picture (h, w[, C])."""
-    return _halved(_halved(picture, 0), 1)
+    rows = _halved(picture, 0)
+    return np.concatenate([_halved(rows[k : k + 16], 1) for k in range(0, len(rows), 16)])
 
 
 def _halved(values: F32, axis: int) -> F32:
@@ -258,8 +259,9 @@ class Sprite:
 
     @cached_property
     def hiders(self) -> int:
-        """1 + the last body in `hider`; 0 without."""
-        return 0 if self.hider is None else int(self.hider.max())
+        """1 + the last of the body itself and of those in `hider` and `halo`."""
+        beside = (self.hider, None if self.halo is None else self.halo[2])
+        return max(self.body + 1, *(int(near.max()) for near in beside if near is not None))
 
     @cached_property
     def fine(self) -> F32:
