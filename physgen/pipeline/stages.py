@@ -105,10 +105,8 @@ def ended(scene: Scene, compiled: Compiled, tape: StepLog | None = None) -> Comp
         poses = (run or simulate(replace(world, duration=most, times=times), tape=tape)).poses
         off = np.abs(poses - poses[-1:]) * np.array([1.0, 1.0, 0.0])
         off[..., 2] = np.abs(poses[..., 2] - poses[-1:, :, 2]) * turns
-        out = ((poses[..., :2] < -reach[:, None]) | (poses[..., :2] > reach[:, None] + world.size)).any(
-            axis=2
-        )
-        moving = (off.max(axis=2, initial=0) > 1) & ~out
+        out = (poses[..., :2] < -reach[:, None]) | (poses[..., :2] > reach[:, None] + world.size)
+        moving = (off.max(axis=2, initial=0) > 1) & ~out.any(axis=2)
         last = float(times[moving.any(axis=1)].max(initial=0.0))
         if last <= length - 2 * pause:
             break

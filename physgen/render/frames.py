@@ -355,7 +355,7 @@ def _smeared(
     corners = np.array([[0, 0, 1], [right, 0, 1], [0, bottom, 1], [right, bottom, 1]], np.float64)
     middle = np.array([stand.pose.x, stand.pose.y + stage.sprites[stand.k].face]) - corner
     way = np.array(trail)
-    turns = np.moveaxis(rotation(way[:, 2]), 2, 0)
+    turns = np.array([rotation(angle) for _, _, angle in trail])
     shifts = middle + way[:, :2] - turns @ middle
     moves = np.concatenate([turns, shifts[..., None]], axis=2)
     ends = corners @ moves.transpose(0, 2, 1) + corner
@@ -463,12 +463,8 @@ def _add_sides(stage: Stage, pictures: Sequence[Picture]) -> None:
 
 def _figures(stage: Stage, pictures: Sequence[Picture]) -> Mapping[int, Silhouette]:
     """Sprites in the picture as light sees them: it does not ask how finely an object is drawn."""
-    return {
-        p.stand.k: sprite_silhouette(
-            stage,
-            p.stand,
-            p.where,
-            p.coverage if stage.supersample == 1 else sprite_coverage(stage.sprites[p.stand.k], p.where),
-        )
-        for p in pictures
-    }
+    found = {}
+    for p in pictures:
+        own = p.coverage if stage.supersample == 1 else sprite_coverage(stage.sprites[p.stand.k], p.where)
+        found[p.stand.k] = sprite_silhouette(stage, p.stand, p.where, own)
+    return found

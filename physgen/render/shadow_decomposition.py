@@ -270,15 +270,9 @@ def decompose_shadows(
     dark = _log(luminance(bare)) - _log(luminance(lit))
     np.clip(dark, -0.5, SHADOW.deepest, out=dark)
     # close to an object, and in narrow gaps between objects, the background is not to be trusted
-    unknown = cv2.dilate(
-        (coverage > 0).astype(np.uint8), np.ones((2 * SHADOW.ring + 1, 2 * SHADOW.ring + 1), np.uint8)
-    )
-    unknown = cv2.morphologyEx(
-        unknown, cv2.MORPH_CLOSE, np.ones((2 * SHADOW.gap + 1, 2 * SHADOW.gap + 1), np.uint8)
-    )
-    reach = cv2.dilate(
-        (coverage >= 0.5).astype(np.uint8), np.ones((2 * SHADOW.gap + 1, 2 * SHADOW.gap + 1), np.uint8)
-    )
+    ring, gap = (np.ones((2 * by + 1, 2 * by + 1), np.uint8) for by in (SHADOW.ring, SHADOW.gap))
+    unknown = cv2.morphologyEx(cv2.dilate((coverage > 0).astype(np.uint8), ring), cv2.MORPH_CLOSE, gap)
+    reach = cv2.dilate((coverage >= 0.5).astype(np.uint8), gap)
     open_ = (unknown == 0) | (reach == 0)
     if changed is not None:
         open_ &= ~changed
@@ -397,12 +391,8 @@ def _claims(
         h, w = start.coverage.shape
         reach = SHADOW.near * min(h, w) + 4
         pad = ceil(2 * reach)
-        x0, y0, x1, y1 = (
-            start.corner[0] - pad,
-            start.corner[1] - pad,
-            start.corner[0] + w + pad,
-            start.corner[1] + h + pad,
-        )
+        x0, y0 = (side - pad for side in start.corner)
+        x1, y1 = start.corner[0] + w + pad, start.corner[1] + h + pad
         if first is not None:
             (a, b, c, d), _ = first
             x0, y0, x1, y1 = min(x0, a - pad), min(y0, b - pad), max(x1, c + pad), max(y1, d + pad)

@@ -34,7 +34,7 @@ HALFWAY = [np.float32(lobe / (2 * sum(_LOBES))) for lobe in _LOBES]
 def double_resolution(picture: F32) -> F32:
     """(2h - 1, 2w - 1[, C]) of a picture (h, w[, C])."""
     rows = _halved(picture, 0)
-    return np.concatenate([_halved(rows[k : k + 16], 1) for k in range(0, len(rows), 16)])
+    return np.concatenate([_halved(rows[k : k + 64], 1) for k in range(0, len(rows), 64)])
 
 
 def _halved(values: F32, axis: int) -> F32:
@@ -42,26 +42,18 @@ def _halved(values: F32, axis: int) -> F32:
 
     Each is held between the least and the greatest of its four neighbours: no rings.
     """
-    tall, wide = 2 * (axis == 0), 2 * (axis == 1)
-    whole = cv2.copyMakeBorder(values, tall, tall, wide, wide, cv2.BORDER_REPLICATE)
-    steps = values.shape[axis] - 1
-    # the three pixels before each gap, and the three behind it
-    p = [whole[k : k + steps] if axis == 0 else whole[:, k : k + steps] for k in range(6)]
-    between = np.zeros_like(p[0])
-    for k, weight in enumerate(HALFWAY):
-        pair = p[k] + p[5 - k]
-        pair *= weight
-        between += pair
-    low, high = np.minimum(p[2], p[3]), np.maximum(p[2], p[3])
-    for beyond in (p[1], p[4]):
-        np.minimum(low, beyond, out=low)
-        np.maximum(high, beyond, out=high)
-    shape = list(values.shape)
-    shape[axis] += steps
-    out = np.empty(shape, np.float32)
-    odd, even = (np.s_[1::2], np.s_[::2]) if axis == 0 else (np.s_[:, 1::2], np.s_[:, ::2])
-    out[even] = values
-    np.clip(between, low, high, out=out[odd])
+    wide = (2, 2, 0, 0) if axis == 0 else (0, 0, 2, 2)
+    padded = np.moveaxis(cv2.copyMakeBorder(values, *wide, cv2.BORDER_REPLICATE), axis, 0)
+    gaps = len(padded) - 5
+    p = [padded[k : k + gaps] for k in range(6)]  # the three pixels before each gap, and the three behind it
+    between = sum((weight * (p[k] + p[5 - k]) for k, weight in enumerate(HALFWAY)), np.float32(0))
+    low = np.minimum(np.minimum(p[2], p[3]), np.minimum(p[1], p[4]))
+    high = np.maximum(np.maximum(p[2], p[3]), np.maximum(p[1], p[4]))
+    h, w = (side + gaps * (k == axis) for k, side in enumerate(values.shape[:2]))
+    out = np.empty((h, w, *values.shape[2:]), np.float32)
+    moved = np.moveaxis(out, axis, 0)
+    moved[::2] = np.moveaxis(values, axis, 0)
+    np.clip(between, low, high, out=moved[1::2])
     return out
 
 
@@ -261,7 +253,7 @@ class Sprite:
     def hiders(self) -> int:
         """1 + the last of the body itself and of those in `hider` and `halo`."""
         beside = (self.hider, None if self.halo is None else self.halo[2])
-        return max(self.body + 1, *(int(near.max()) for near in beside if near is not None))
+        return max([self.body + 1, *(int(near.max()) for near in beside if near is not None)])
 
     @cached_property
     def fine(self) -> F32:
@@ -547,16 +539,12 @@ def _boxes(labels: U16) -> dict[int, tuple[int, int, int, int]]:
     ids = labels[rows, columns]
     order = np.argsort(ids, kind="stable")
     present, first = np.unique(ids[order], return_index=True)
-    boxes = {}
-    for k, mine in zip(present.tolist(), np.split(order, first[1:]), strict=False):
-        y, x = rows[mine], columns[mine]
-        boxes[k] = (
-            max(int(x.min()) - CUT.soft, 0),
-            max(int(y.min()) - CUT.soft, 0),
-            min(int(x.max()) + CUT.soft + 1, width),
-            min(int(y.max()) + CUT.soft + 1, height),
-        )
-    return boxes
+    low = [np.minimum.reduceat(at[order], first) - CUT.soft for at in (columns, rows)] if len(first) else []
+    high = (
+        [np.maximum.reduceat(at[order], first) + CUT.soft + 1 for at in (columns, rows)] if len(first) else []
+    )
+    boxes = zip(*(part.tolist() for part in (present, *low, *high)), strict=True)
+    return {k: (max(x0, 0), max(y0, 0), min(x1, width), min(y1, height)) for k, x0, y0, x1, y1 in boxes}
 
 
 def _foreground(photo: F32, behind: F32, mask: Mask, alpha: F32, share: F32) -> F32:

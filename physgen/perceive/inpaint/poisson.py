@@ -197,14 +197,11 @@ def _pull_push(picture: F32, hole: Mask) -> F32:
     if not hole.any() or min(hole.shape) < 2:
         return picture.copy()
     h, w = (n + n % 2 for n in hole.shape)
-    weight, value = known, picture * known[:, :, None]
-    if hole.shape != (h, w):
-        below, right = h - hole.shape[0], w - hole.shape[1]
-        weight, value = (
-            cv2.copyMakeBorder(part, 0, below, 0, right, cv2.BORDER_CONSTANT) for part in (weight, value)
-        )
-    size = w // 2, h // 2
-    half, sums = (cv2.resize(part, size, interpolation=cv2.INTER_AREA) for part in (weight, value))
+    pad, size = (0, h - hole.shape[0], 0, w - hole.shape[1]), (w // 2, h // 2)
+    even = [
+        cv2.copyMakeBorder(part, *pad, cv2.BORDER_CONSTANT) for part in (known, picture * known[:, :, None])
+    ]
+    half, sums = (cv2.resize(part, size, interpolation=cv2.INTER_AREA) for part in even)
     mean = sums.reshape(h // 2, w // 2, -1) / np.maximum(half, 1e-9)[:, :, None]
     coarse = _pull_push(mean.astype(np.float32), half == 0)
     fine = cv2.resize(coarse, (w, h), interpolation=cv2.INTER_LINEAR).reshape(h, w, -1)
