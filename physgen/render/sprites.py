@@ -486,11 +486,10 @@ def anchored(
         own = np.zeros_like(sprite.light)
         own[inside] = np.where((top[place] == number)[..., None], rest[place], np.float32(0))
         mine, halo = near == number, None
-        if mine.any():
-            (y0, y1), (x0, x1) = (
-                (max(int(n.min()) - pad, 0), int(n.max()) + pad + 1) for n in np.nonzero(mine)
-            )
-            there = np.s_[y0:y1, x0:x1]
+        x, y, w, h = cv2.boundingRect(mine.astype(np.uint8))
+        if w:
+            x0, y0 = max(x - pad, 0), max(y - pad, 0)
+            there = np.s_[y0 : y + h + pad, x0 : x + w + pad]
             share = np.where(
                 near[there] > 0, _soft(mine[there], CUT.shared) / np.maximum(all_near[there], 1e-6), 0
             )
