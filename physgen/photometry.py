@@ -21,7 +21,7 @@ def decode(srgb: NDArray[Any]) -> Float:
     1.0
     """
     if srgb.dtype == np.uint8:
-        return np.asarray(_decode_table()[srgb])
+        return np.asarray(_decode_table().take(srgb))
     return _decode(srgb.astype(np.float64)).astype(np.float32)
 
 

@@ -179,7 +179,7 @@ def photo_differs(scene: Scene, compiled: Compiled, maps: Percepts | None) -> It
     bare = ~_grown(
         (maps.coverage > 0) | (maps.cut_out > 0) | (compiled.labels > 0), round(LIMITS.near * max(scene.size))
     )
-    if np.array_equal(maps.rgb[bare], maps.background[bare]):
+    if cv2.norm(maps.rgb, maps.background, cv2.NORM_INF, bare.astype(np.uint8)) == 0:
         return
     off = _mean_difference(maps.rgb, maps.background, bare)
     differs = (np.abs(off) > LIMITS.levels).any(axis=2) & bare
@@ -231,15 +231,21 @@ def _missed_masks(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     """Written shapes that differ from the object's mask."""
     for k, (item, outline) in enumerate(zip(scene.objects, compiled.shapes.written, strict=True)):
         mask = compiled.labels == k + 1
-        area = int(mask.sum())
+        area, (x, y, w, h) = np.count_nonzero(mask), cv2.boundingRect(mask.astype(np.uint8))
         if outline is None or item.mask is None or not area:
             continue
         hull = outline_shape(outline).convex_hull.buffer(LIMITS.seen * area**0.5)
-        seen = np.zeros(mask.shape, np.uint8)
-        cv2.fillPoly(seen, [np.rint(shapely.get_coordinates(hull)).astype(np.int32)], 1)
+        corners = np.rint(shapely.get_coordinates(hull)).astype(np.int32)
+        around = np.concatenate([corners, [[x, y], [x + w, y + h]]])
+        left, top = np.maximum(around.min(axis=0) - LIMITS.thin, 0).tolist()
+        right, bottom = (around.max(axis=0) + LIMITS.thin).tolist()
+        here = np.s_[top:bottom, left:right]
         cover, (x0, y0) = coverage_box(outline, (0, 0, mask.shape[1], mask.shape[0]))
-        box = np.s_[y0 : y0 + cover.shape[0], x0 : x0 + cover.shape[1]]
-        shown = (compiled.labels > 0) | compiled.scenery | _filled(mask)
+        box = np.s_[y0 - top : y0 - top + cover.shape[0], x0 - left : x0 - left + cover.shape[1]]
+        mask = mask[here]
+        seen = np.zeros(mask.shape, np.uint8)
+        cv2.fillPoly(seen, [corners - np.array([left, top], np.int32)], 1)
+        shown = (compiled.labels[here] > 0) | compiled.scenery[here] | _filled(mask)
         bare = (cover >= 0.5) & ~shown[box]
         thin = np.ones((LIMITS.thin, LIMITS.thin), np.uint8)
         path, fix = f"objects.{item.name}.shape", "write shape: outline, or correct the outline or the mask"

@@ -125,6 +125,7 @@ def _pushed(perceived: PerceivedScene) -> PerceivedScene:
     from physgen.scene.load import Opened
     from physgen.scene.provenance import meters
     from physgen.scene.write import scene_text
+    from physgen.simulate.recorder import StepLog
 
     document = perceived.document
     height, width = perceived.percepts.labels.shape
@@ -153,11 +154,11 @@ def _pushed(perceived: PerceivedScene) -> PerceivedScene:
     item = document["objects"][push.name] | {"velocity": speeds}
     pushed = opened.scene([f"objects.{push.name}.velocity={json.dumps(speeds)}"])
     longest = replace(pushed.world, duration=PLAYBACK.longest, until_rest=True)
-    compiled = compile_shapes(pushed, shapes)
+    compiled, tape = compile_shapes(pushed, shapes), StepLog()
 
     def end(slow: int) -> float:
         film = replace(pushed, world=longest, render=replace(pushed.render, slow=slow))
-        return ended(film, compiled).world.duration
+        return ended(film, compiled, tape).world.duration
 
     duration, slow, rest = pushed.world.duration, round(pushed.render.slow), end(1)
     if rest < PLAYBACK.longest:

@@ -83,24 +83,28 @@ def compile(scene: Scene, maps: Percepts | None) -> Compiled:
     return ended(scene, compile_scene(scene, None if maps is None else maps.labels))
 
 
-def ended(scene: Scene, compiled: Compiled) -> Compiled:
-    """The same with `duration: auto` resolved: 0.5 s of video after the last motion that shows."""
+def ended(scene: Scene, compiled: Compiled, tape: StepLog | None = None) -> Compiled:
+    """The same with `duration: auto` resolved: 0.5 s of video after the last motion that shows.
+
+    A `tape` that is kept saves running the same world again.
+    """
     from physgen.compile.compile import frame_times
+    from physgen.simulate.recorder import StepLog
 
     if not scene.world.until_rest:
         return compiled
     slow = 1.0 if scene.render.frames is not None else scene.render.slow
     world, pause, most = compiled.world, 0.5 / slow, scene.world.duration / slow
     reach = np.array([body.reach for body in world.bodies] or [0.0])
+    tape = tape or StepLog()
     for length in (*(part / slow for part in (1.25, 2.5, 5.0) if part / slow < most), most):
         times = np.arange(0.0, length, pause / 15)
-        poses = simulate(replace(world, duration=length, times=times)).poses
+        run = tape.read(times, motion_only=True)
+        poses = (run or simulate(replace(world, duration=most, times=times), tape=tape)).poses
         off = np.abs(poses - poses[-1:]) * np.array([1.0, 1.0, 0.0])
         off[..., 2] = np.abs(poses[..., 2] - poses[-1:, :, 2]) * reach
-        out = ((poses[..., :2] < -reach[:, None]) | (poses[..., :2] > reach[:, None] + world.size)).any(
-            axis=2
-        )
-        moving = (off.max(axis=2, initial=0) > 1) & ~out
+        out = (poses[..., :2] < -reach[:, None]) | (poses[..., :2] > reach[:, None] + world.size)
+        moving = (off.max(axis=2, initial=0) > 1) & ~out.any(axis=2)
         last = float(times[moving.any(axis=1)].max(initial=0.0))
         if last <= length - 2 * pause:
             break
@@ -188,6 +192,8 @@ def _put_back(
     """Maps, coverage and background with the photo where `doubtful` ids were cut out as objects: they are none."""
     from physgen.perceive.inpaint.poisson import dilate
 
+    if not doubtful:
+        return maps, coverage, background
     flat = maps.labels.ravel()
     whole = np.flatnonzero(np.bincount(flat, coverage.ravel()) > 0.75 * np.bincount(flat))
     there = dilate(np.isin(maps.labels, [i for i in whole if i in doubtful]), 10) & ~dilate(labels > 0, 3)

@@ -49,7 +49,7 @@ def encode_picture(linear: NDArray[np.float32]) -> NDArray[np.uint8]:
     """The nearest sRGB code of linear light, any shape (h, w, 3); the same bytes as `encode_u8`, in less time."""
     index = linear * np.float32(65535)
     index += np.float32(0.5)
-    return np.asarray(_table().take(index.astype(np.int32), mode="clip"), np.uint8)
+    return np.asarray(_table().take(index.astype(np.intp), mode="clip"), np.uint8)
 
 
 @cache
@@ -206,15 +206,10 @@ def render_frames(
         shadows = _Shadows(stage, left)
         before = touched_tiles([], size)
         for index, (time, stands) in enumerate(sprite_poses(stage, trajectory, samples[parts - 1 :: parts])):
-            exposed = [ways[sample] for sample in samples[index * parts : (index + 1) * parts]]
             changed = left.by(stands)
             before = [a | b for a, b in zip(before, touched_tiles(changed, size), strict=True)]
             pictures = list(_pictures(stage, balls, stands))
-            trails = {
-                stand.k: trail
-                for stand in (stands if parts > 1 else ())
-                if (trail := _trail(stage, stand, [poses[stage.sprites[stand.k].body] for poses in exposed]))
-            }
+            trails = _trails(stage, ways[list(samples[index * parts : (index + 1) * parts])])
             relit = shadows.thrown(canvas, stands, pictures, trails, changed)
             _add_sides(stage, pictures)
             for box in boxes_of_tiles([a & ~b for a, b in zip(before, relit, strict=True)], size):
@@ -313,19 +308,26 @@ Trail = tuple[tuple[float, float, float], ...]
 """px, px, rad: from an object's pose at the end of an exposure to those within it, the last of which it is."""
 
 
-def _trail(stage: Stage, stand: SpritePose, poses: Sequence[NDArray[np.float64]]) -> Trail:
-    """The way of a sprite in an exposure, in steps too small to be seen; empty where it hardly moves."""
-    sprite = stage.sprites[stand.k]
-    way = np.array(poses) - poses[-1]
-    if sprite.ball is not None:  # its picture never turns
-        way[:, 2] = 0
-    reach = max(sprite.coverage.shape) / 2
-    length = float((np.hypot(*np.diff(way[:, :2], axis=0).T) + reach * np.abs(np.diff(way[:, 2]))).sum())
-    if not length > EXPOSURE.sharp:
-        return ()
-    count = min(len(poses), max(2, ceil(length / EXPOSURE.step) + 1))
-    picked = np.rint(np.linspace(0, len(poses) - 1, count)).astype(int)
-    return tuple((x, y, turn) for x, y, turn in way[picked].tolist())
+def _trails(stage: Stage, poses: NDArray[np.float64]) -> Mapping[int, Trail]:
+    """The way of each sprite in an exposure, of `poses` (parts, N, 3), in steps too small to be seen; of those that
+    hardly move, none."""
+    sprites = stage.sprites
+    way = (poses - poses[-1])[:, [sprite.body for sprite in sprites]].swapaxes(0, 1)
+    way[[sprite.ball is not None for sprite in sprites], :, 2] = 0  # its picture never turns
+    reach = np.array([max(sprite.coverage.shape) / 2 for sprite in sprites])[:, None]
+    x, y, turn = np.moveaxis(np.diff(way, axis=1), 2, 0)
+    lengths = (np.hypot(x, y) + reach * np.abs(turn)).sum(axis=1)
+    found: dict[int, Trail] = {}
+    for k in np.flatnonzero(lengths > EXPOSURE.sharp).tolist():
+        count = min(len(poses), max(2, ceil(lengths[k] / EXPOSURE.step) + 1))
+        found[k] = tuple(map(tuple, way[k, _evenly(len(poses), count)].tolist()))
+    return found
+
+
+@cache
+def _evenly(of: int, count: int) -> NDArray[np.int64]:
+    """(count,) indices, from the first to the last."""
+    return np.rint(np.linspace(0, of - 1, count)).astype(np.int64)
 
 
 def _along(trail: Trail, stand: SpritePose) -> list[tuple[SpritePose, float]]:
@@ -352,20 +354,21 @@ def _smeared(
     right, bottom = coverage.shape[1] - 1, coverage.shape[0] - 1
     corners = np.array([[0, 0, 1], [right, 0, 1], [0, bottom, 1], [right, bottom, 1]], np.float64)
     middle = np.array([stand.pose.x, stand.pose.y + stage.sprites[stand.k].face]) - corner
-    moves = []
-    for x, y, angle in trail:
-        turn = rotation(angle)
-        moves.append(np.column_stack([turn, middle + np.array([x, y]) - turn @ middle]))
-    ends = np.concatenate([corners @ move.T for move in moves]) + corner
-    low = np.maximum(np.floor(ends.min(axis=0)).astype(int), 0)
-    high = np.minimum(np.ceil(ends.max(axis=0)).astype(int) + 1, stage.background.shape[1::-1])
+    way = np.array(trail)
+    turns = np.array([rotation(angle) for _, _, angle in trail])
+    shifts = middle + way[:, :2] - turns @ middle
+    moves = np.concatenate([turns, shifts[..., None]], axis=2)
+    ends = corners @ moves.transpose(0, 2, 1) + corner
+    low = np.maximum(np.floor(ends.min(axis=(0, 1))).astype(int), 0)
+    high = np.minimum(np.ceil(ends.max(axis=(0, 1))).astype(int) + 1, stage.background.shape[1::-1])
     if (low >= high).any():
         return None
     shape = (int(high[0] - low[0]), int(high[1] - low[1]))
-    sharp = cv2.merge([*cv2.split(light), coverage])
+    sharp = np.empty((*coverage.shape, 4), np.float32)
+    cv2.mixChannels([light, coverage], [sharp], [0, 0, 1, 1, 2, 2, 3, 3])
     total = np.zeros((shape[1], shape[0], 4), np.float32)
+    moves[:, :, 2] += corner - low
     for move in moves:
-        move[:, 2] += corner - low
         cv2.add(total, cv2.warpAffine(sharp, move, shape), dst=total)
     total *= np.float32(1 / len(moves))
     light = np.asarray(cv2.cvtColor(total, cv2.COLOR_BGRA2BGR), np.float32)  # the first three channels
@@ -415,8 +418,7 @@ def _pictures(stage: Stage, balls: BallSprites, stands: Sequence[SpritePose]) ->
     """What the picture shows of sprites as they stand, the farthest first."""
     there = [(stand, stand.where) for stand in stands if stand.where is not None]
     together = balls.drawn(((stand.k, where) for stand, where in there), stage.supersample)
-    count = max((max(sprite.body + 1, sprite.hiders) for sprite in stage.sprites), default=0)
-    left = np.zeros(count + 1, np.float32)
+    left = np.zeros(max((sprite.hiders for sprite in stage.sprites), default=0) + 1, np.float32)
     for stand, where in there:
         left[stage.sprites[stand.k].body + 1] = 1 if where.own is not None else where.rest
     left[0] = 1
@@ -461,12 +463,8 @@ def _add_sides(stage: Stage, pictures: Sequence[Picture]) -> None:
 
 def _figures(stage: Stage, pictures: Sequence[Picture]) -> Mapping[int, Silhouette]:
     """Sprites in the picture as light sees them: it does not ask how finely an object is drawn."""
-    return {
-        p.stand.k: sprite_silhouette(
-            stage,
-            p.stand,
-            p.where,
-            p.coverage if stage.supersample == 1 else sprite_coverage(stage.sprites[p.stand.k], p.where),
-        )
-        for p in pictures
-    }
+    found = {}
+    for p in pictures:
+        own = p.coverage if stage.supersample == 1 else sprite_coverage(stage.sprites[p.stand.k], p.where)
+        found[p.stand.k] = sprite_silhouette(stage, p.stand, p.where, own)
+    return found

@@ -70,13 +70,8 @@ def occluders(figures: Sequence[Silhouette], setting: ShadowSetting) -> dict[int
     onto, by = np.nonzero(met)
     # balls: how far the middle of one is from the line of the other's shadow
     radius = np.array([np.nan if f.radius is None else f.radius for f in figures])
-    x, y, z = (
-        part[onto] - part[by]
-        for part in (
-            *np.array([f.center for f in figures]).T,
-            np.array([middle(f, setting.top) for f in figures]),
-        )
-    )
+    middles = np.array([(*f.center, middle(f, setting.top)) for f in figures]).T
+    x, y, z = middles[:, onto] - middles[:, by]
     along = x * lx + y * ly + z * lz
     miss = np.sqrt(np.maximum(x * x + y * y + z * z - along * along, 0))
     clear = (miss >= radius[onto] + radius[by] + spread[onto, by]) | (along >= radius[onto])
@@ -162,18 +157,8 @@ def stacked(values: Iterable[float]) -> F32:
 def _behind_balls(balls: Sequence[Silhouette], points: tuple[F32, ...], setting: ShadowSetting) -> F32:
     """(n, h, w) how much of the light each ball hides from points: columns, rows and px towards the viewer."""
     lx, ly, lz = (np.float32(part) for part in setting.light.direction)
-    px, py, pz = (
-        at - stacked(middles)
-        for at, middles in zip(
-            points,
-            (
-                [ball.center[0] for ball in balls],
-                [ball.center[1] for ball in balls],
-                [middle(ball, setting.top) for ball in balls],
-            ),
-            strict=True,
-        )
-    )
+    middles = zip(*((*ball.center, middle(ball, setting.top)) for ball in balls), strict=True)
+    px, py, pz = (at - stacked(part) for at, part in zip(points, middles, strict=True))
     radius = stacked(ball.radius or 0.0 for ball in balls)
     along = px * lx + py * ly + pz * lz
     miss = np.sqrt(np.maximum(px * px + py * py + pz * pz - along * along, 0)) - radius

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from math import ceil
 
 import cv2
@@ -114,10 +114,19 @@ class LitBackground:
 
     def limited(self, dark: F32, box: tuple[slice, slice]) -> F32:
         """(h, w) of the sum `dark` (h, w) of shadows: of direct light that one keeps away others keep away no more."""
-        over = dark - np.maximum(self.total[box], self.setting.shade)
+        over = dark - self._most[box]
         if over.max() <= 0:
             return dark
-        return np.asarray(np.where(over > 0, dark - over + 1 - cv2.exp(-over), dark), np.float32)
+        kept = dark - over
+        kept += 1
+        kept -= cv2.exp(-over)
+        np.copyto(kept, dark, where=over <= 0)
+        return np.asarray(kept, np.float32)
+
+    @cached_property
+    def _most(self) -> F32:
+        """(H, W): what one object may keep away."""
+        return np.maximum(self.total, self.setting.shade)
 
     def moved(self, k: int, now: Silhouette | None, start: Pose, pose: Pose) -> list[tuple[PixelBox, F32]]:
         """What object k adds now, at `pose` instead of `start`: boxes, and what is dark there."""
@@ -267,15 +276,9 @@ def decompose_shadows(
     dark = _log(luminance(bare)) - _log(luminance(lit))
     np.clip(dark, -0.5, SHADOW.deepest, out=dark)
     # close to an object, and in narrow gaps between objects, the background is not to be trusted
-    unknown = cv2.dilate(
-        (coverage > 0).astype(np.uint8), np.ones((2 * SHADOW.ring + 1, 2 * SHADOW.ring + 1), np.uint8)
-    )
-    unknown = cv2.morphologyEx(
-        unknown, cv2.MORPH_CLOSE, np.ones((2 * SHADOW.gap + 1, 2 * SHADOW.gap + 1), np.uint8)
-    )
-    reach = cv2.dilate(
-        (coverage >= 0.5).astype(np.uint8), np.ones((2 * SHADOW.gap + 1, 2 * SHADOW.gap + 1), np.uint8)
-    )
+    ring, gap = (np.ones((2 * by + 1, 2 * by + 1), np.uint8) for by in (SHADOW.ring, SHADOW.gap))
+    unknown = cv2.morphologyEx(cv2.dilate((coverage > 0).astype(np.uint8), ring), cv2.MORPH_CLOSE, gap)
+    reach = cv2.dilate((coverage >= 0.5).astype(np.uint8), gap)
     open_ = (unknown == 0) | (reach == 0)
     if changed is not None:
         open_ &= ~changed
@@ -397,11 +400,12 @@ def _spread_into(values: F32, weight: F32, sigma: float) -> F32:
 
 def _tint(lit: F32, bare: F32, dark: F32, where: NDArray[np.bool_]) -> F32:
     """(3,) least squares of each channel's darkening by that of the luminance."""
-    seen = where & (dark > 0.3) & (lit.min(axis=2) > 2e-3) & (bare.min(axis=2) > 2e-3)
+    there = where & (dark > 0.3)
+    lit, bare, d = lit[there], bare[there], dark[there][:, None]
+    seen = (lit.min(axis=1) > 2e-3) & (bare.min(axis=1) > 2e-3)
     if np.count_nonzero(seen) < 200:
         return np.ones(3, np.float32)
-    each = np.log(bare[seen] / lit[seen])
-    d = dark[seen][:, None]
+    each, d = np.log(bare[seen] / lit[seen]), d[seen]
     return np.asarray(np.clip((each * d).sum(axis=0) / (d * d).sum(), 0.85, 1.15), np.float32)
 
 
@@ -415,12 +419,8 @@ def _claims(
         h, w = start.coverage.shape
         reach = SHADOW.near * min(h, w) + 4
         pad = ceil(2 * reach)
-        x0, y0, x1, y1 = (
-            start.corner[0] - pad,
-            start.corner[1] - pad,
-            start.corner[0] + w + pad,
-            start.corner[1] + h + pad,
-        )
+        x0, y0 = (side - pad for side in start.corner)
+        x1, y1 = start.corner[0] + w + pad, start.corner[1] + h + pad
         if first is not None:
             (a, b, c, d), _ = first
             x0, y0, x1, y1 = min(x0, a - pad), min(y0, b - pad), max(x1, c + pad), max(y1, d + pad)

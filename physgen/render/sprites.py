@@ -33,7 +33,8 @@ HALFWAY = [np.float32(lobe / (2 * sum(_LOBES))) for lobe in _LOBES]
 
 def double_resolution(picture: F32) -> F32:
     """(2h - 1, 2w - 1[, C]) of a picture (h, w[, C])."""
-    return _halved(_halved(picture, 0), 1)
+    rows = _halved(picture, 0)
+    return np.concatenate([_halved(rows[k : k + 64], 1) for k in range(0, len(rows), 64)])
 
 
 def _halved(values: F32, axis: int) -> F32:
@@ -41,17 +42,19 @@ def _halved(values: F32, axis: int) -> F32:
 
     Each is held between the least and the greatest of its four neighbours: no rings.
     """
-    v = np.moveaxis(values, axis, 0)
-    out = np.empty((2 * len(v) - 1, *v.shape[1:]), np.float32)
-    out[::2] = v
-    p = np.concatenate([v[:1], v[:1], v, v[-1:], v[-1:]])
-    pairs = [p[k : k + len(v) - 1] + p[5 - k : 4 - k + len(v)] for k in range(3)]
-    between = sum((w * pair for w, pair in zip(HALFWAY, pairs, strict=True)), np.float32(0))
-    inner, outer = (v[:-1], v[1:]), (p[1 : len(v)], p[4 : 3 + len(v)])
-    low = np.minimum(np.minimum(*inner), np.minimum(*outer))
-    high = np.maximum(np.maximum(*inner), np.maximum(*outer))
-    np.clip(between, low, high, out=out[1::2])
-    return np.ascontiguousarray(np.moveaxis(out, 0, axis))
+    wide = (2, 2, 0, 0) if axis == 0 else (0, 0, 2, 2)
+    padded = np.moveaxis(cv2.copyMakeBorder(values, *wide, cv2.BORDER_REPLICATE), axis, 0)
+    gaps = len(padded) - 5
+    p = [padded[k : k + gaps] for k in range(6)]  # the three pixels before each gap, and the three behind it
+    between = sum((weight * (p[k] + p[5 - k]) for k, weight in enumerate(HALFWAY)), np.float32(0))
+    low = np.minimum(np.minimum(p[2], p[3]), np.minimum(p[1], p[4]))
+    high = np.maximum(np.maximum(p[2], p[3]), np.maximum(p[1], p[4]))
+    h, w = (side + gaps * (k == axis) for k, side in enumerate(values.shape[:2]))
+    out = np.empty((h, w, *values.shape[2:]), np.float32)
+    moved = np.moveaxis(out, axis, 0)
+    moved[::2] = np.moveaxis(values, axis, 0)
+    np.clip(between, low, high, out=moved[1::2])
+    return out
 
 
 MOST_RELIGHTING = 3.0
@@ -248,8 +251,9 @@ class Sprite:
 
     @cached_property
     def hiders(self) -> int:
-        """1 + the last body in `hider`; 0 without."""
-        return 0 if self.hider is None else int(self.hider.max())
+        """1 + the last of the body itself and of those in `hider` and `halo`."""
+        beside = (self.hider, None if self.halo is None else self.halo[2])
+        return max([self.body + 1, *(int(near.max()) for near in beside if near is not None)])
 
     @cached_property
     def fine(self) -> F32:
@@ -468,8 +472,9 @@ def anchored(
     through = _seen_through(sprites, insides, places, top)
     covered = through < CUT.covered
     top[covered], through[covered] = last[covered], 1
-    rest = (photo - composite) / through[..., None]
-    rest[_soft(absent) > CUT.least] = 0.0
+    rest = (photo - composite) / cv2.merge((through, through, through))
+    if absent.any():
+        rest[_soft(absent) > CUT.least] = 0.0
     near = _nearest(top, absent, round(CUT.halo * max(height, width)))
     if owner is not None:
         near = np.where(owner > 0, owner, near)
@@ -481,11 +486,10 @@ def anchored(
         own = np.zeros_like(sprite.light)
         own[inside] = np.where((top[place] == number)[..., None], rest[place], np.float32(0))
         mine, halo = near == number, None
-        if mine.any():
-            (y0, y1), (x0, x1) = (
-                (max(int(n.min()) - pad, 0), int(n.max()) + pad + 1) for n in np.nonzero(mine)
-            )
-            there = np.s_[y0:y1, x0:x1]
+        x, y, w, h = cv2.boundingRect(mine.astype(np.uint8))
+        if w:
+            x0, y0 = max(x - pad, 0), max(y - pad, 0)
+            there = np.s_[y0 : y + h + pad, x0 : x + w + pad]
             share = np.where(
                 near[there] > 0, _soft(mine[there], CUT.shared) / np.maximum(all_near[there], 1e-6), 0
             )
@@ -534,16 +538,12 @@ def _boxes(labels: U16) -> dict[int, tuple[int, int, int, int]]:
     ids = labels[rows, columns]
     order = np.argsort(ids, kind="stable")
     present, first = np.unique(ids[order], return_index=True)
-    boxes = {}
-    for k, mine in zip(present.tolist(), np.split(order, first[1:]), strict=False):
-        y, x = rows[mine], columns[mine]
-        boxes[k] = (
-            max(int(x.min()) - CUT.soft, 0),
-            max(int(y.min()) - CUT.soft, 0),
-            min(int(x.max()) + CUT.soft + 1, width),
-            min(int(y.max()) + CUT.soft + 1, height),
-        )
-    return boxes
+    low = [np.minimum.reduceat(at[order], first) - CUT.soft for at in (columns, rows)] if len(first) else []
+    high = (
+        [np.maximum.reduceat(at[order], first) + CUT.soft + 1 for at in (columns, rows)] if len(first) else []
+    )
+    boxes = zip(*(part.tolist() for part in (present, *low, *high)), strict=True)
+    return {k: (max(x0, 0), max(y0, 0), min(x1, width), min(y1, height)) for k, x0, y0, x1, y1 in boxes}
 
 
 def _foreground(photo: F32, behind: F32, mask: Mask, alpha: F32, share: F32) -> F32:

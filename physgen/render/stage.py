@@ -175,8 +175,7 @@ def draw_border(sprite: Sprite, where: Placement, left: NDArray[np.float32]) -> 
 
 def halos_left(sprites: Sequence[Sprite], stands: Sequence[SpritePose]) -> NDArray[np.float32]:
     """(N + 1,) from 1 on: of each body, the share of what the photo shows around it that it has not taken away."""
-    near = (int(sprite.halo[2].max()) for sprite in sprites if sprite.halo is not None)
-    left = np.ones(max((*(sprite.body + 1 for sprite in sprites), *near), default=0) + 1, np.float32)
+    left = np.ones(max((sprite.hiders for sprite in sprites), default=0) + 1, np.float32)
     for stand in stands:
         sprite = sprites[stand.k]
         side = max(min(sprite.coverage.shape), 1)

@@ -250,7 +250,7 @@ def lit_stage(
         return Stage(background, anchored(sprites, decode(maps.rgb), decode(background), absent))
     rounds = [world.bodies[s.body].radius is not None and not loose for s, loose in parts]
     gone = _ghosts(maps.labels, absent, coverage, grounds, setting)
-    changed = (maps.rgb != background).any(axis=2) & (coverage == 0)
+    changed = (cv2.inRange(cv2.absdiff(maps.rgb, background), (0, 0, 0), (0, 0, 0)) == 0) & (coverage == 0)
     lit, left = decompose_shadows(background, maps.clean, coverage, starts, rounds, setting, gone, changed)
     photo = decode(maps.rgb)
     if left is not None:  # the photo as it would be without what is left out

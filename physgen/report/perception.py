@@ -208,7 +208,7 @@ def _grey(rgb: U8) -> NDArray[np.float32]:
 def _colours(labels: U16) -> NDArray[np.float32]:
     """(H, W, 3): each label's colour; black for 0."""
     table = np.array([(0, 0, 0), *map(colour, range(1, int(labels.max(initial=0)) + 1))], np.float32)
-    return np.asarray(table[labels])
+    return np.asarray(table.take(labels, axis=0))
 
 
 def _masked(rgb: U8, labels: U16, scale: float) -> U8:

@@ -197,12 +197,11 @@ def _pull_push(picture: F32, hole: Mask) -> F32:
     if not hole.any() or min(hole.shape) < 2:
         return picture.copy()
     h, w = (n + n % 2 for n in hole.shape)
-    pad = ((0, h - hole.shape[0]), (0, w - hole.shape[1]))
-    weight, value = known, picture * known[:, :, None]
-    if hole.shape != (h, w):
-        weight, value = np.pad(weight, pad), np.pad(value, (*pad, (0, 0)))
-    size = w // 2, h // 2
-    half, sums = (cv2.resize(part, size, interpolation=cv2.INTER_AREA) for part in (weight, value))
+    pad, size = (0, h - hole.shape[0], 0, w - hole.shape[1]), (w // 2, h // 2)
+    even = [
+        cv2.copyMakeBorder(part, *pad, cv2.BORDER_CONSTANT) for part in (known, picture * known[:, :, None])
+    ]
+    half, sums = (cv2.resize(part, size, interpolation=cv2.INTER_AREA) for part in even)
     mean = sums.reshape(h // 2, w // 2, -1) / np.maximum(half, 1e-9)[:, :, None]
     coarse = _pull_push(mean.astype(np.float32), half == 0)
     fine = cv2.resize(coarse, (w, h), interpolation=cv2.INTER_LINEAR).reshape(h, w, -1)
@@ -245,9 +244,8 @@ def _grids(hole: Mask) -> list[_Grid]:
         grids.append(_Grid(hole.astype(np.float32), np.maximum(degree, 1)))
         if min(h, w) < 4 or not hole.any():
             return grids
-        padded = np.pad(hole, ((0, h % 2), (0, w % 2)), mode="edge")
-        H, W = padded.shape
-        hole = np.asarray(padded.reshape(H // 2, 2, W // 2, 2).all((1, 3)))
+        even = cv2.copyMakeBorder(hole.view(np.uint8), 0, h % 2, 0, w % 2, cv2.BORDER_REPLICATE).view(bool)
+        hole = even[::2, ::2] & even[::2, 1::2] & even[1::2, ::2] & even[1::2, 1::2]
 
 
 def _v_cycle(grids: list[_Grid], level: int, right: F32) -> F32:
@@ -261,10 +259,9 @@ def _v_cycle(grids: list[_Grid], level: int, right: F32) -> F32:
         x += damp * (right - grid.apply(x))
     if coarsest:
         return x
-    rest = right - grid.apply(x)
-    _, h, w = rest.shape
-    if h % 2 or w % 2:
-        rest = np.pad(rest, ((0, 0), (0, h % 2), (0, w % 2)))
+    channels, h, w = right.shape
+    rest = np.zeros((channels, h + h % 2, w + w % 2), np.float32)
+    np.subtract(right, grid.apply(x), out=rest[:, :h, :w])
     down = rest[:, ::2, ::2] + rest[:, ::2, 1::2] + rest[:, 1::2, ::2] + rest[:, 1::2, 1::2]
     up = _v_cycle(grids, level + 1, down * grids[level + 1].free).repeat(2, axis=1).repeat(2, axis=2)
     x += up[:, :h, :w] * grid.free
