@@ -135,17 +135,15 @@ def weak_prompts(found: Detections) -> Iterator[Problem]:
 
 
 def segment_box(rgb: Rgb, box: Box) -> PromptedMask:
-    """The object in a box, in one piece; the whole box, with confidence 0, where none is seen.
+    """The object in a box, in one piece.
 
-    Raises InputError where the box leaves too little of the photo.
+    Raises InputError where the box leaves too little of the photo, or where nothing is seen in it.
     """
-    left, top, right, bottom = _corners(rgb, box)
-    found = mask_in_box(rgb, (left, top, right, bottom))
-    if found.mask.any():
-        return found
-    whole = np.zeros(rgb.shape[:2], np.bool_)
-    whole[top:bottom, left:right] = True
-    return PromptedMask(whole, 0.0)
+    found = mask_in_box(rgb, _corners(rgb, box))
+    if not found.mask.any():
+        fix = "draw it closer around an object, or give the object's mask: --masks FILE"
+        raise InputError.of(_flag("box", box), "", "shows no object", fix)
+    return found
 
 
 def segment_point(

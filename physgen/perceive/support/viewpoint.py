@@ -25,6 +25,7 @@ from physgen.perceive.roles import (
     Suitability,
 )
 from physgen.perceive.segment.network import run_network
+from physgen.perceive.segment.prompts import RULE
 from physgen.scene.scene import View
 
 LEAST = 30  # px of background from which a part of the photo counts
@@ -158,6 +159,8 @@ def judge_suitability(
     reasons = (
         [] if found.source in ("given", "pointed at", "kept") else _photo_doubts(rgb, found, objects, area)
     )
+    if any(found.confidence[i] < RULE.weak for i in found.prompts):
+        reasons.append("what is pointed at hardly stands out")
     loose = [t for t in objects if not t.cut]
     unheld = len(boundaries.held) + sum(wall.name.startswith("nest") for wall in boundaries.walls)
     if unheld > DOUBTS.unheld * max(len(loose), 1):
