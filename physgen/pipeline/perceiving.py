@@ -120,6 +120,7 @@ def _pushed(perceived: PerceivedScene) -> PerceivedScene:
     from physgen.compile.compile import compile_shapes
     from physgen.compile.shapes import shapes_of
     from physgen.geometry.scale import PLAYBACK
+    from physgen.perceive.document import mask_confidence
     from physgen.pipeline.pushes import default_push
     from physgen.pipeline.stages import ended
     from physgen.scene.load import Opened
@@ -137,9 +138,7 @@ def _pushed(perceived: PerceivedScene) -> PerceivedScene:
             for name, item in document["objects"].items()
         },
     }
-    sure = {
-        name: float(item["from"]["mask"].rpartition(" ")[2]) for name, item in document["objects"].items()
-    }
+    sure = {name: mask_confidence(item) for name, item in document["objects"].items()}
     try:
         opened = Opened("scene.yaml", text=scene_text(bare))
         scene = opened.scene()
@@ -219,17 +218,18 @@ def refresh(
     progress: Progress = silent,
     warn: Warn = ignore_warning,
     keep: Keep = lambda kept: None,
+    inform: Callable[[str], None] = lambda line: None,
     **changes: Any,
 ) -> str:
     """A scene's photo perceived again -> the new scene's text; writes as `perceive` does. Raises InputError.
 
     Values that `from` names are written anew where they are as perception wrote them; all others stay, and so does
     every other line. Objects with a `prompt` are found again; new `boxes` and `points` replace what they cover, with a
-    warning for objects inside them.
+    warning for objects inside them. `inform` is called with a summary, as by `perceive`.
     """
     from physgen.compile.compile import compile_scene
     from physgen.perceive import refresh as old_and_new
-    from physgen.perceive.document import relabel_objects, write_scene
+    from physgen.perceive.document import relabel_objects, summary, write_scene
     from physgen.perceive.perceive import fit_objects
     from physgen.perceive.perceive import perceive as run
     from physgen.perceive.roles import Name
@@ -293,6 +293,10 @@ def refresh(
         depth = maps.depth if perceived.percepts.depth is None else perceived.percepts.depth
         kept_maps = replace(perceived.percepts, labels=marked, clean=clean, depth=depth)
         perceived = replace(perceived, percepts=kept_maps)
+    moving = {item.name: {"velocity": list(item.velocity)} for item in scene.objects if any(item.velocity)}
+    told = {name: item | moving.get(name, {}) for name, item in seen["objects"].items()}
+    first, *more = summary(replace(perceived, document={**seen, "objects": told, "doubtful": doubtful}))
+    inform("\n".join([f"{path}: {first}", *more]))
     text = None if "extends" in own else path.read_bytes().decode("utf-8-sig")
     comments = {} if text is None else perceived.comments  # only those of values that are new are written
     perceived = replace(perceived, document=document, comments=comments, wrote=wrote)

@@ -152,13 +152,12 @@ def judge_suitability(
 ) -> Suitability:
     """Reasons to doubt that the photo shows loose objects at rest, from what perception knows of it.
 
-    Masks that the user gave are sure.
+    Masks that the user gave are sure, and so are those that are kept.
     """
     size, view = np.bincount(found.labels.ravel(), minlength=1) / found.labels.size, boundaries.confidence
     area = {t.id: float(size[t.id]) for t in objects}
-    reasons = (
-        [] if found.source in ("given", "pointed at", "kept") else _photo_doubts(rgb, found, objects, area)
-    )
+    by_hand = found.source in ("given", "pointed at")
+    reasons = [] if by_hand else _photo_doubts(rgb, found, objects, area)
     if any(found.confidence[i] < RULE.weak for i in found.prompts):
         reasons.append("what is pointed at hardly stands out")
     loose = [t for t in objects if not t.cut]
