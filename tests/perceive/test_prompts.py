@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from physgen import pipeline
 from physgen.cli.main import main
 from physgen.maps import read_labels
+from physgen.perceive.perceive import perceive
 from physgen.perceive.roles import PromptedMask
 from physgen.perceive.segment import prompts
 from physgen.perceive.segment.prompts import RULE, Segmenter, from_prompts, segment_box
@@ -95,15 +96,22 @@ def test_a_point_in_the_middle(draw: Callable[[], Photo]) -> None:
 
 
 @pytest.mark.parametrize("kind", ["plain", "noise"])
-def test_a_box_around_nothing_shows_no_object(kind: str) -> None:
-    rgb = np.full((80, 90, 3), 120, np.uint8)
+def test_a_box_or_point_on_nothing_shows_no_object_or_is_doubtful(kind: str) -> None:
+    rgb = np.full((300, 400, 3), 120, np.uint8)
     if kind == "noise":
         rgb = np.random.default_rng(0).integers(0, 256, rgb.shape).astype(np.uint8)
-    for box in ((20, 20, 30, 30), (60, 3, 8, 70)):
+    segment = Segmenter(Backends())
+    for box in ((120, 90, 160, 120), (20, 180, 80, 90)):
+        with pytest.raises(InputError, match="shows no object"):
+            from_prompts(rgb, [box], [], segment)
+    places = [(40, 30, 320, 240), (0, 0, 400, 300), (-5, -5, 900, 900)]
+    for boxes, points in (*(([box], []) for box in places), ([], [(200, 150)])):
         try:
-            assert segment_box(rgb, box).confidence < RULE.weak
+            found = from_prompts(rgb, boxes, points, segment)
         except InputError as error:
             assert "shows no object" in str(error)  # noqa: PT017
+        else:
+            assert perceive(rgb, found).suitability.reasons  # type: ignore[union-attr]
 
 
 @pytest.mark.slow

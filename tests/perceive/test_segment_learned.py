@@ -75,6 +75,12 @@ def blocks(*boxes: tuple[int, int, int, int], whole: int = -1) -> Candidates:
     return Candidates((100, 200), some, np.zeros((len(boxes), 1)), none, none, np.arange(len(boxes)) == whole)
 
 
+@pytest.mark.parametrize("size", [(10, 400), (400, 10), (8, 1600)])
+def test_photos_of_a_few_rows_or_columns(size: tuple[int, int]) -> None:
+    """The network's map of them is narrower than its pairs of pixels are apart."""
+    assert not len(segment(noise(size)).confidence)
+
+
 def test_parts_that_fit_better_than_their_whole_stay() -> None:
     found = blocks((0, 0, 40, 40), (40, 0, 40, 40), (0, 0, 80, 40), whole=2)
     assert joined(found, np.array([0.8, 0.75, 0.7]), np.array([0, 1])).tolist() == [2]

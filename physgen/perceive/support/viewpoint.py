@@ -136,6 +136,7 @@ class _Doubts:
     detail: float = 0.4  # fine detail: clutter, crowds, gravel
     view: float = 0.6  # confidence of the view
     unheld: float = 0.5  # of the objects, under which nothing is seen
+    filling: float = 0.6  # one object, as large as the largest that is looked for
     side: int = 256  # px, the photo's width as its texture is judged
     patch: int = 9  # px, over which detail is averaged
     fine: float = 12.0  # mean of |Laplacian|, 8-bit codes, of a patch of fine detail
@@ -160,6 +161,8 @@ def judge_suitability(
     reasons = [] if by_hand else _photo_doubts(rgb, found, objects, area)
     if any(found.confidence[i] < RULE.weak for i in found.prompts):
         reasons.append("what is pointed at hardly stands out")
+    if (largest := max(area.values(), default=0.0)) > DOUBTS.filling:
+        reasons.append(f"one object fills {100 * largest:.0f} % of it")
     loose = [t for t in objects if not t.cut]
     unheld = len(boundaries.held) + sum(wall.name.startswith("nest") for wall in boundaries.walls)
     if unheld > DOUBTS.unheld * max(len(loose), 1):
