@@ -103,7 +103,6 @@ def taken_away() -> dict[str, dict[str, object]]:
         "joining of parts": {"LEARNED": replace(constants, covered=np.inf)},
         "agreement of edges": {"LEARNED": replace(constants, agreement=0.0)},
         "colours around": {"LEARNED": replace(constants, gap_penalty=0.0)},
-        "the typical of many alike": {"typical": lambda found, fit, best: best},
         "the judge": {"expected_fit": lambda evidence: evidence[:, foreground].copy()},
     }
 

@@ -38,6 +38,7 @@ def perceive(options: argparse.Namespace) -> int:
         "progress": bar.show,
         "warn": print_problem,
         "keep": print_backup,
+        "inform": print_error,
     }
     if options.refresh:
         _refuse_beside_refresh(options)
@@ -52,7 +53,7 @@ def perceive(options: argparse.Namespace) -> int:
         raise InputError.of("perceive", "", "was given no photo", "name one, or a scene: --refresh SCENE")
     else:
         settings |= {"masks": options.masks, "side": options.side, "still": options.still}
-        text = pipeline.perceive(options.image[0], options.output, inform=print_error, **settings)
+        text = pipeline.perceive(options.image[0], options.output, **settings)
     bar.clear()
     write_result(text, options.output)
     return OK

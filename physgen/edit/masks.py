@@ -268,7 +268,7 @@ def _edit_errors() -> Iterator[None]:
         yield
     except InputError as error:
         problem = error.problems[0]
-        fix = "draw a box around it" if "--box" in problem.fix else problem.fix
+        fix = "draw a box close around it" if "--" in problem.fix else problem.fix
         raise impossible(f"what is marked {problem.expected}", fix) from error
 
 

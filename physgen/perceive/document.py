@@ -362,7 +362,7 @@ def summary(perceived: PerceivedScene) -> list[str]:
     """What was found, how sure it is, and how to correct it: the first line in short, then a line for each subject."""
     document, comments = perceived.document, perceived.comments
     objects, world = document["objects"], document["world"]
-    sure = {name: float(item["from"]["mask"].rpartition(" ")[2]) for name, item in objects.items()}
+    sure = {name: mask_confidence(item) for name, item in objects.items()}
     ends = sorted({min(sure.values(), default=0.0), max(sure.values(), default=0.0)})
     confidence = f", confidence {' to '.join(f'{end:g}' for end in ends)}" if sure else ""
     first = f"{counted(len(objects), 'object')}{confidence}; suitability: {perceived.suitability}"
@@ -380,10 +380,8 @@ def summary(perceived: PerceivedScene) -> list[str]:
     if static:
         table["support"] += f"; held where they are: {', '.join(static)}"
     pushed = [name for name, item in objects.items() if any(item.get("velocity", ()))]
-    reasons = (comments[f"objects.{name}.velocity"].split(", ")[1].partition(";")[0] for name in pushed)
-    table["motion"] = "; ".join(
-        f"{name} is pushed {reason}" for name, reason in zip(pushed, reasons, strict=True)
-    )
+    ways = {name: comments.get(f"objects.{name}.velocity", ", as before").split(", ")[1] for name in pushed}
+    table["motion"] = "; ".join(f"{name} is pushed {way.partition(';')[0]}" for name, way in ways.items())
     table["motion"] = table["motion"] or "nothing is pushed; try render --push NAME=right"
     unsure = [f"{name} {one:g}" for name, one in sure.items() if one < DOUBTS.unsure]
     regions = len(document.get("doubtful", ()))
@@ -395,6 +393,11 @@ def summary(perceived: PerceivedScene) -> list[str]:
     if doubts:
         table["doubtful"] = "; ".join([*doubts, "--box and --point mark what is missing"])
     return [first, *(f"  {name:<9} {' '.join(text.split())}" for name, text in table.items())]
+
+
+def mask_confidence(item: Mapping[str, Any]) -> float:
+    """Confidence of an object's mask, from its `from`."""
+    return float(item["from"]["mask"].rpartition(" ")[2])
 
 
 def with_doubtful(labels: Labels, doubtful: Sequence[Doubt]) -> tuple[Labels, dict[str, Any]]:
@@ -507,7 +510,8 @@ def _rewritten(
     """
     comments = perceived.comments
     fresh = {key: words for key, words in comments.items() if value_at(new, key) != value_at(old, key)}
-    fresh.pop("objects", None)  # the file says how they were found first
+    if old.get("objects", {}).keys() == new["objects"].keys():
+        fresh.pop("objects", None)  # the file says how they were found first
     stale = [["world", "pixels_per_meter"]] if perceived.wrote.get("", {}).get("given") else []
     for name, item in perceived.document["objects"].items():
         wrote = known.entry(name, item)
@@ -515,9 +519,11 @@ def _rewritten(
         stale += [
             ["objects", name, key] for key in ("label", "mass", "friction") if key in was and key not in now
         ]
+        other = ["mask"] if wrote and now.get("mask") != was.get("mask") else []
         if wrote and item.get("label") != wrote.get("label"):
-            reasons = [f"objects.{name}.{key}" for key in ("mass", "friction") if key in now]
-            fresh |= {key: comments[key] for key in reasons if key in comments}
+            other += [key for key in ("mass", "friction") if key in now]
+        reasons = [f"objects.{name}.{key}" for key in other]
+        fresh |= {key: comments[key] for key in reasons if key in comments}
     stale += [key.split(".") for key in fresh]
     return with_comments(without_comments(write(text, new), stale, known.comments), fresh)
 

@@ -254,8 +254,11 @@ def kept_doubtful(
         if not isinstance(entry["mask"], int):  # drawn by the user
             entries[name] = entry
             continue
-        region = (before == entry["mask"]) & (result == 0)
-        if region.any():
+        whole = before == entry["mask"]
+        region = whole & (result == 0)
+        if np.count_nonzero(region) > OVERLAP[0] * np.count_nonzero(
+            whole
+        ):  # else it is part of an object now
             id_ = int(result.max()) + 1 if (result == entry["mask"]).any() else entry["mask"]
             result[region], entries[name] = id_, {**entry, "mask": id_}
     free = (result == 0) & (gone > 0)

@@ -14,6 +14,7 @@ from physgen.progress import Progress, silent
 if TYPE_CHECKING:
     from physgen.perceive.roles import PerceivedScene
     from physgen.registry import Backends
+    from physgen.scene.load import Opened
 
 Keep = Callable[[Path], None]
 """Called with the new name of every file that stood in the way and was renamed."""
@@ -107,25 +108,25 @@ def perceive(
     perceived = run(rgb, found, renames=options.labels, crew=crew, asked=options.asked, progress=progress)
     for problem in perceived.warnings:
         warn(problem)
-    if not options.still:
-        progress("push", 0, 1)
-        perceived = _pushed(perceived)
+    progress("push", 0, 1)
+    try:
+        perceived = _at_rest(perceived)
+        perceived = perceived if options.still else _pushed(perceived)
+    except InputError:  # as it is reported when the scene is rendered
+        pass
     first, *more = summary(perceived)
     inform("\n".join([f"{image}: {first}", *more]))
     return write_scene(perceived, image if as_it_is else None, image.stem, output, options.assets, keep)
 
 
-def _pushed(perceived: PerceivedScene) -> PerceivedScene:
-    """The scene with the push that shows most, tried in a copy without maps; it ends where that motion does."""
-    from physgen.compile.compile import compile_shapes
-    from physgen.compile.shapes import shapes_of
-    from physgen.geometry.scale import PLAYBACK
-    from physgen.pipeline.pushes import default_push
-    from physgen.pipeline.stages import ended
+REST, STAYS, LOOKS = 2.0, 1.0, 81
+"""s and px: what goes farther in that time without a push is held; and the times at which it is looked at."""
+
+
+def _tried(perceived: PerceivedScene) -> Opened:
+    """A scene for trials, without maps. Raises InputError."""
     from physgen.scene.load import Opened
-    from physgen.scene.provenance import meters
     from physgen.scene.write import scene_text
-    from physgen.simulate.recorder import StepLog
 
     document = perceived.document
     height, width = perceived.percepts.labels.shape
@@ -138,16 +139,58 @@ def _pushed(perceived: PerceivedScene) -> PerceivedScene:
             for name, item in document["objects"].items()
         },
     }
-    sure = {
-        name: float(item["from"]["mask"].rpartition(" ")[2]) for name, item in document["objects"].items()
-    }
-    try:
-        opened = Opened("scene.yaml", text=scene_text(bare))
-        scene = opened.scene()
-        shapes = shapes_of(scene, None)
-        push = default_push(scene, shapes, sure)
-    except InputError:  # as it is reported when the scene is rendered
-        return perceived
+    return Opened("scene.yaml", text=scene_text(bare))
+
+
+def _at_rest(perceived: PerceivedScene) -> PerceivedScene:
+    """The scene in which objects are held that do not stay where the photo shows them, those that go first at first."""
+    import numpy as np
+
+    from physgen.compile.compile import compile_shapes
+    from physgen.compile.shapes import shapes_of
+    from physgen.scene.scene import Motion, View
+    from physgen.simulate.engine import simulate
+
+    scene = _tried(perceived).scene()
+    shapes = shapes_of(scene, None)
+    objects, comments = dict(perceived.document["objects"]), dict(perceived.comments)
+    while scene.world.view is View.SIDE:
+        poses = simulate(compile_shapes(scene, shapes).world, np.linspace(0, REST, LOOKS)).poses[..., :2]
+        away = np.hypot(*np.moveaxis(poses - poses[:1], -1, 0)) > STAYS
+        if not away.any():
+            break
+        goes = away[int(away.any(axis=1).argmax())]
+        held = [item.name for item, gone in zip(scene.objects, goes, strict=True) if gone]
+        for name in held:
+            item = {key: value for key, value in objects[name].items() if key not in ("rolling", "velocity")}
+            sources = {key: value for key, value in item["from"].items() if key != "rolling"}
+            objects[name] = item | {"motion": "static", "from": sources}
+            comments[f"objects.{name}.motion"] = "it would not stay there, so it is held; dynamic lets it go"
+        scene = replace(
+            scene,
+            objects=tuple(
+                replace(item, motion=Motion.STATIC) if item.name in held else item for item in scene.objects
+            ),
+        )
+    return replace(perceived, document=perceived.document | {"objects": objects}, comments=comments)
+
+
+def _pushed(perceived: PerceivedScene) -> PerceivedScene:
+    """The scene with the push that shows most, tried in a copy without maps; it ends where that motion does."""
+    from physgen.compile.compile import compile_shapes
+    from physgen.compile.shapes import shapes_of
+    from physgen.geometry.scale import PLAYBACK
+    from physgen.perceive.document import mask_confidence
+    from physgen.pipeline.pushes import default_push
+    from physgen.pipeline.stages import ended
+    from physgen.scene.provenance import meters
+    from physgen.simulate.recorder import StepLog
+
+    document, opened = perceived.document, _tried(perceived)
+    sure = {name: mask_confidence(item) for name, item in document["objects"].items()}
+    scene = opened.scene()
+    shapes = shapes_of(scene, None)
+    push = default_push(scene, shapes, sure)
     if push is None:
         return perceived
     speeds = [meters(part / scene.world.pixels_per_meter) for part in push.velocity]
@@ -220,17 +263,18 @@ def refresh(
     progress: Progress = silent,
     warn: Warn = ignore_warning,
     keep: Keep = lambda kept: None,
+    inform: Callable[[str], None] = lambda line: None,
     **changes: Any,
 ) -> str:
     """A scene's photo perceived again -> the new scene's text; writes as `perceive` does. Raises InputError.
 
     Values that `from` names are written anew where they are as perception wrote them; all others stay, and so does
     every other line. Objects with a `prompt` are found again; new `boxes` and `points` replace what they cover, with a
-    warning for objects inside them.
+    warning for objects inside them. `inform` is called with a summary, as by `perceive`.
     """
     from physgen.compile.compile import compile_scene
     from physgen.perceive import refresh as old_and_new
-    from physgen.perceive.document import relabel_objects, write_scene
+    from physgen.perceive.document import relabel_objects, summary, write_scene
     from physgen.perceive.perceive import fit_objects
     from physgen.perceive.perceive import perceive as run
     from physgen.perceive.roles import Name
@@ -294,6 +338,10 @@ def refresh(
         depth = maps.depth if perceived.percepts.depth is None else perceived.percepts.depth
         kept_maps = replace(perceived.percepts, labels=marked, clean=clean, depth=depth)
         perceived = replace(perceived, percepts=kept_maps)
+    moving = {item.name: {"velocity": list(item.velocity)} for item in scene.objects if any(item.velocity)}
+    told = {name: item | moving.get(name, {}) for name, item in seen["objects"].items()}
+    first, *more = summary(replace(perceived, document={**seen, "objects": told, "doubtful": doubtful}))
+    inform("\n".join([f"{path}: {first}", *more]))
     text = None if "extends" in own else path.read_bytes().decode("utf-8-sig")
     comments = {} if text is None else perceived.comments  # only those of values that are new are written
     perceived = replace(perceived, document=document, comments=comments, wrote=wrote)

@@ -34,6 +34,7 @@ class _Trial:
     round: float = 0.3  # more for a circle, which goes on rolling
     apart: float = 1.0  # more, seen from above, for what lies far from all others: it has a run-up
     loaded: float = 0.7  # less for what carries another object
+    unsure: float = 0.33  # confidence below which an object is not pushed, as one that is asked to be checked
     tried: int = 3  # candidates that are simulated, at up to a second each
     enough: float = 0.5  # of the most that a candidate shows, that the first one needs to be taken
     part: float = 0.5  # of the clip, that is simulated
@@ -116,7 +117,7 @@ def _ranked(
     side = max(scene.size)
     corners = [np.concatenate(body.rings) + body.center for body in bodies]
     for k, item in enumerate(scene.objects):
-        if item.motion is not Motion.DYNAMIC:
+        if item.motion is not Motion.DYNAMIC or sure.get(item.name, 1.0) < TRIAL.unsure:
             continue
         for way in _ways(scene, [body.center for body in bodies], k):
             frame = np.array([way, (-way[1], way[0])])

@@ -409,15 +409,14 @@ def _rewritten(text: str, path: KeyPath, value: Any) -> list[Patch]:
 
 LONGEST = 116
 """Columns of a line with a comment behind its value."""
-DEEP = {"objects": 3, "world": 2, "render": 1}
+DEEP = {"objects": 3, "world": 2, "boundaries": 2, "render": 1}
 """Keys of a path to a value with a comment of perception, by section."""
 
 
 def without_comments(text: str, paths: Sequence[Sequence[str | int]], ours: Collection[str]) -> str:
     """The text without the comments that are `ours` behind or above values that a user has set; others stay."""
     for path in paths:
-        depth = DEEP.get(str(path[0]), 0)
-        if 0 < depth <= len(path):
+        if depth := DEEP.get(str(path[0]), 0):
             text = _without_comment(text, tuple(path[:depth]), ours)
     return text
 

@@ -17,6 +17,7 @@ from physgen.perceive.perceive import fit_objects, perceive
 from physgen.perceive.segment.prompts import from_masks
 from physgen.perceive.support.ground_contact import fit_rectangle
 from physgen.perceive.support.supports import depth_inside, free_parts
+from physgen.simulate.engine import simulate
 from tests.perceive.lambertian import block
 
 W, H = 256, 192
@@ -116,6 +117,24 @@ def test_what_nobody_pushes_stays(draw, tmp_path):
     write_scene(perceived, None, "photo", path)
     scene = pipeline.load(path, ["forces=[]", "world.duration=2"])
     poses = pipeline.simulate(compile_scene(scene, perceived.percepts.labels).world).poses
+    assert np.hypot(*np.moveaxis(poses[..., :2] - poses[:1, :, :2], -1, 0)).max() <= 1.0
+
+
+def test_what_goes_without_a_push_is_held(tmp_path):
+    """A ball before a large disc, of which a crescent is seen: it pushes itself away from the ball."""
+    rows, columns = np.mgrid[:300, :400]
+    rgb, labels = np.full((300, 400, 3), (90, 120, 160), np.uint8), np.zeros((300, 400), np.uint8)
+    rgb[220:] = (150, 100, 60)
+    for k, (x, y, r) in enumerate(((150, 180, 80), (230, 200, 60)), 1):
+        inside = np.hypot(columns - x, rows - y) <= r
+        labels[inside], rgb[inside] = k, ((60, 70, 200), (220, 200, 60))[k - 1]
+    cv2.imwrite(str(tmp_path / "photo.png"), rgb[..., ::-1])
+    cv2.imwrite(str(tmp_path / "masks.png"), labels)
+    path = tmp_path / "scene.yaml"
+    text = pipeline.perceive(tmp_path / "photo.png", path, masks=tmp_path / "masks.png", still=True)
+    assert "motion: static  # it would not stay there, so it is held" in text
+    world = pipeline.compile(pipeline.load(path), pipeline.percepts(pipeline.load(path))).world
+    poses = simulate(world, np.linspace(0, 2, 21)).poses
     assert np.hypot(*np.moveaxis(poses[..., :2] - poses[:1, :, :2], -1, 0)).max() <= 1.0
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from physgen.geometry.polygon import Region, Ring
+from physgen.geometry.polygon import Disc, Region, Ring
 from physgen.perceive.support.equilibrium import (
     MANY,
     TILTED,
@@ -53,6 +53,17 @@ def test_a_block_over_an_edge_by_more_than_half_falls(side, over, stands):
 
 def bricks(rows: int, across: int) -> list[Region]:
     return [block(24 * k + 12 * (row % 2), -12 * row, 24, 12) for row in range(rows) for k in range(across)]
+
+
+def test_a_ball_stands_on_the_floor_and_between_two_but_not_on_one():
+    low, right, above = (
+        Disc(np.array(at, float), 10.0) for at in ((0, -10), (20, -10), (10, -10 - 300**0.5))
+    )
+    top = Disc(np.array([0.0, -30.0]), 10.0)
+    stop = np.array([[30.0, -20.0], [30.0, 0.0]]), np.array([[-10.0, -20.0], [-10.0, 0.0]])
+    pair, three = [low, top], [low, right, above]
+    assert unstable_objects(pair, contacts(pair, [GROUND]), {}) == [1]
+    assert unstable_objects(three, contacts(three, [GROUND, *stop]), {}) == []
 
 
 def test_a_large_pile_stands_and_only_what_lacks_support_is_held():

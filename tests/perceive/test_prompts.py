@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -13,6 +14,9 @@ from numpy.typing import NDArray
 from physgen import pipeline
 from physgen.cli.main import main
 from physgen.maps import read_labels
+from physgen.perceive.perceive import perceive
+from physgen.perceive.roles import PromptedMask
+from physgen.perceive.segment import prompts
 from physgen.perceive.segment.prompts import RULE, Segmenter, from_prompts, segment_box
 from physgen.problems import InputError
 from physgen.registry import Backends
@@ -92,16 +96,22 @@ def test_a_point_in_the_middle(draw: Callable[[], Photo]) -> None:
 
 
 @pytest.mark.parametrize("kind", ["plain", "noise"])
-def test_a_box_around_nothing_still_gives_a_mask(kind: str) -> None:
-    rgb = np.full((80, 90, 3), 120, np.uint8)
+def test_a_box_or_point_on_nothing_shows_no_object_or_is_doubtful(kind: str) -> None:
+    rgb = np.full((300, 400, 3), 120, np.uint8)
     if kind == "noise":
         rgb = np.random.default_rng(0).integers(0, 256, rgb.shape).astype(np.uint8)
-    for box in ((20, 20, 30, 30), (-5, -5, 200, 200), (60, 3, 8, 70)):
-        meant = segment_box(rgb, box)
-        assert meant.mask.shape == (80, 90)
-        assert meant.mask.any()
-        if kind == "plain" or box[0] > 0:  # noise that fills the photo is taken for an object
-            assert meant.confidence < RULE.weak
+    segment = Segmenter(Backends())
+    for box in ((120, 90, 160, 120), (20, 180, 80, 90)):
+        with pytest.raises(InputError, match="shows no object"):
+            from_prompts(rgb, [box], [], segment)
+    places = [(40, 30, 320, 240), (0, 0, 400, 300), (-5, -5, 900, 900)]
+    for boxes, points in (*(([box], []) for box in places), ([], [(200, 150)])):
+        try:
+            found = from_prompts(rgb, boxes, points, segment)
+        except InputError as error:
+            assert "shows no object" in str(error)  # noqa: PT017
+        else:
+            assert perceive(rgb, found).suitability.reasons  # type: ignore[union-attr]
 
 
 @pytest.mark.slow
@@ -122,13 +132,35 @@ def test_the_scene_says_where_a_person_pointed(tmp_path: Path, capsys: pytest.Ca
     assert overlap(np.repeat(np.repeat(mask, 2, 0), 2, 1), labels == 3) > 0.8
 
 
-def test_a_box_on_nothing_is_said_to_show_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_box_on_nothing_is_an_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rgb, _ = balls()
     rgb[:, :60] = rgb[0, 0]
     photo = tmp_path / "photo.png"
     cv2.imwrite(str(photo), rgb[..., ::-1])
-    assert main(["perceive", str(photo), "--box", "8,8,30,30", "-o", str(tmp_path / "none.yaml")]) == 0
-    assert "--box 8,8,30,30: warning: shows nothing that stands out" in capsys.readouterr().err
+    boxes = ["--box", "8,8,30,30", "--box", "68,48,44,44"]
+    assert main(["perceive", str(photo), *boxes, "-o", str(tmp_path / "none.yaml")]) == 2
+    said = capsys.readouterr().err.strip()
+    assert said.startswith("--box 8,8,30,30: shows no object; ")
+    assert "\n" not in said
+    assert list(tmp_path.iterdir()) == [photo]
+
+
+def test_what_hardly_stands_out_is_not_pushed_and_not_good(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rgb, _ = balls()
+    photo, scene = tmp_path / "photo.png", tmp_path / "scene.yaml"
+    cv2.imwrite(str(photo), rgb[..., ::-1])
+    certain = prompts.mask_in_box
+    for sure in (0.9, RULE.weak - 0.03):
+
+        def looked(rgb: NDArray[np.uint8], box: Sides, sure: float = sure) -> PromptedMask:
+            return replace(certain(rgb, box), confidence=sure)
+
+        monkeypatch.setattr(prompts, "mask_in_box", looked)
+        assert main(["perceive", str(photo), "--box", "68,48,44,44", "-o", str(scene)]) == 0
+        assert ("what is pointed at hardly stands out" in capsys.readouterr().err) == (sure < RULE.weak)
+        assert any(any(item.velocity) for item in pipeline.load(scene).objects) == (sure >= RULE.weak)
 
 
 def test_points_on_one_object_are_told_apart_or_refused() -> None:

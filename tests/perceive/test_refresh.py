@@ -86,6 +86,56 @@ def test_a_box_corrects_the_mask_that_it_covers_and_is_asked_again(scene: Path) 
     assert yaml.safe_load(scene.with_name("again.yaml").read_text()) == yaml.safe_load(again.read_text())
 
 
+def parts(text: str) -> dict[str, str]:
+    """Lines of each object, and of the rest."""
+    rest, *objects = re.split(r"^  (?=ball-\d:)", text, flags=re.M)
+    last, _, after = objects[-1].partition("\nboundaries:")
+    return {one[:6]: one for one in [*objects[:-1], last + "\n"]} | {"rest": rest + after}
+
+
+def test_a_box_replaces_an_object_leaves_all_others_and_sums_up(
+    scene: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wrong = next(
+        item.name
+        for item in pipeline.load(scene).objects
+        if not isinstance(item.shape.stored, Circle)  # type: ignore[union-attr]
+    )
+    region = read_labels(scene.with_name("scene.assets") / "masks.png")
+    region[60:90, 155:178] = 9  # a doubtful part of the ball whose mask is a bar
+    write_png(scene.with_name("scene.assets") / "masks.png", region)
+    scene.write_text(scene.read_text().rstrip() + "\ndoubtful:\n  maybe-1: {mask: 9, confidence: 0.3}\n")
+    before = parts(scene.read_text())
+    x, y = CENTRES["ball-2"]
+    capsys.readouterr()
+    refreshed(scene, "--box", f"{x - 33},{y - 33},66,66")
+    first, *more = capsys.readouterr().err.splitlines()
+    assert first.startswith(f"{scene}: 3 objects, confidence ")
+    assert "; suitability: " in first
+    assert [line.split()[0] for line in more][:2] == ["objects", "scale"]
+    after = parts(scene.with_name("again.yaml").read_text())
+    assert after.keys() == before.keys()
+    assert {name for name in before if after[name] != before[name]} == {wrong, "rest"}
+    assert "  # pointed at 0." in after[wrong]
+    assert "  # given 1, " not in after[wrong]
+    assert "maybe-1" not in after["rest"], "it is part of the object now"
+
+
+def test_comments_on_how_many_there_are_follow_a_new_box(scene: Path) -> None:
+    x, y = CENTRES["ball-3"]
+    before = scene.read_text()
+    third = next(item.name for item in pipeline.load(scene).objects if item.shape.stored.center[0] > 200)  # type: ignore[union-attr]
+    assert main(["remove", str(scene), third]) == 0
+    two = scene.with_name("two.yaml")
+    assert main(["perceive", "--refresh", str(scene), "-o", str(two)]) == 0
+    assert "3 x ball" in before
+    refreshed(two, "--box", f"{x - 33},{y - 33},66,66")
+    text = scene.with_name("again.yaml").read_text()
+    assert ", as the scene had them, and where you pointed, counted" in text
+    assert "given, counted" not in text
+    assert all(line.count("under ") + line.count("lowest points") <= 2 for line in text.splitlines())
+
+
 def test_what_a_person_wrote_stays(scene: Path) -> None:
     document = yaml.safe_load(scene.read_text())
     del document["objects"]["ball-3"]

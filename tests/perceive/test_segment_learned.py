@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from physgen import pipeline
-from physgen.perceive.backends.segment_learned import continued, joined, segment, typical
+from physgen.perceive.backends.segment_learned import continued, joined, segment
 from physgen.perceive.document import write_scene
 from physgen.perceive.perceive import perceive
 from physgen.perceive.roles import Detections, Doubt
@@ -75,13 +75,10 @@ def blocks(*boxes: tuple[int, int, int, int], whole: int = -1) -> Candidates:
     return Candidates((100, 200), some, np.zeros((len(boxes), 1)), none, none, np.arange(len(boxes)) == whole)
 
 
-def test_of_many_alike_that_which_agrees_with_the_others_is_taken() -> None:
-    found = blocks((10, 10, 60, 40), (10, 10, 60, 41), (10, 9, 60, 41), (10, 10, 60, 46), (120, 10, 30, 30))
-    fit = np.array([0.8, 0.79, 0.78, 0.82, 0.9])
-    assert typical(found, fit, np.array([3, 4])).tolist() == [1, 4]
-    assert fit[1] == 0.82
-    beside = blocks((10, 10, 60, 40), (10, 10, 60, 41), (10, 9, 60, 41), (10, 10, 60, 46), (10, 16, 60, 5))
-    assert typical(beside, fit, np.array([3, 4])).tolist() == [3, 4]  # the typical one is not free
+@pytest.mark.parametrize("size", [(10, 400), (400, 10), (8, 1600)])
+def test_photos_of_a_few_rows_or_columns(size: tuple[int, int]) -> None:
+    """The network's map of them is narrower than its pairs of pixels are apart."""
+    assert not len(segment(noise(size)).confidence)
 
 
 def test_parts_that_fit_better_than_their_whole_stay() -> None:

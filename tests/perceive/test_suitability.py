@@ -90,6 +90,12 @@ def test_nothing_beneath_and_an_unclear_view():
     assert "perspective" in one.doubts(replace(GOOD, confidence=0.52))
 
 
+def test_an_object_that_fills_the_photo():
+    one = Found()
+    one.found.labels[:120] = 1
+    assert "one object fills 6" in one.doubts()
+
+
 def test_masks_that_are_given_are_sure():
     one = Found(sure=0.1)
     one.found = replace(one.found, source="given")

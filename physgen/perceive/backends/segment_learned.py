@@ -15,7 +15,7 @@ from physgen.perceive.inpaint.poisson import dilate
 from physgen.perceive.roles import Doubt, Mask, Segment, Segments
 from physgen.perceive.segment.candidates import FEATURES, Candidates, candidates, confidence, expected_fit
 from physgen.perceive.segment.network import mask_in_box, run_network
-from physgen.perceive.segment.proposals import Proposal, agreement, cut_out, doubt_about, iou, overlap
+from physgen.perceive.segment.proposals import Proposal, cut_out, doubt_about, overlap
 from physgen.perceive.segment.selection import SHARED, best_set, exclusions, search_edges
 
 
@@ -36,7 +36,6 @@ class LearnedConstants:
     movable: float = 0.5
     """Mean movability from which an object may be moved: people, animals and furniture are none."""
     same: float = 0.5  # IoU below which what is cut out again is another object
-    alike: float = 0.85  # IoU from which candidates are of one object
     inside: float = 0.7  # share of a selected proposal in a whole from which it is one of its parts
     covered: float = 0.4  # share of a whole that its two or more parts cover, from which it replaces them
     better: float = 0.1  # fit by which each of them exceeds that of the whole, from which it does not
@@ -65,7 +64,7 @@ def segment(rgb: NDArray[np.uint8]) -> Segments:
     fit = worth(found, expected_fit(found.evidence))
     best = choose(found, fit)
     fit[best] -= LEARNED.gap_penalty * continued(rgb, found, best)
-    sure = joined(found, fit, typical(found, fit, best[fit[best] > LEARNED.threshold]))
+    sure = joined(found, fit, best[fit[best] > LEARNED.threshold])
     fit[found.movable < LEARNED.movable] = 0
     sure = sure[fit[sure] > 0]
     some = [found.proposals[k] for k in sure.tolist()]
@@ -210,21 +209,6 @@ def joined(found: Candidates, fit: NDArray[np.float64], best: NDArray[np.intp]) 
             mean = float(np.average(fit[best[parts]], weights=area[best[parts]]))
             fit[whole] = max(float(fit[whole]), mean)
             best = np.append(best[~parts], whole)
-    return best
-
-
-def typical(found: Candidates, fit: NDArray[np.float64], best: NDArray[np.intp]) -> NDArray[np.intp]:
-    """The selected candidates, each replaced by that one of its like which agrees most with the others, where it leaves
-    the rest free: of many alike, the best by a noisy `fit` (n,) is mostly too large. Its fit becomes theirs."""
-    some = found.proposals
-    pool = np.flatnonzero(fit > LEARNED.threshold)
-    for n, k in enumerate(best.tolist()):
-        alike = [j for j in pool.tolist() if iou(some[j], some[k]) > LEARNED.alike]
-        middle = alike[int(agreement([some[j] for j in alike], fit[alike]).argmax())]
-        rest = (some[j] for j in np.delete(best, n).tolist())
-        if all(overlap(some[middle], one) <= SHARED * min(some[middle].area, one.area) for one in rest):
-            fit[middle] = fit[k]
-            best[n] = middle
     return best
 
 

@@ -201,7 +201,7 @@ def network_proposals(
     labels = basins(cv2.GaussianBlur(border_relief(seen), (0, 0), 1.0).astype(np.float32))
     pairs = []
     for (down, right), affinity in zip(OFFSETS, seen.pairs, strict=True):
-        if max(down, abs(right)) <= CANDIDATES.joining:
+        if max(down, abs(right)) <= CANDIDATES.joining and down < height and abs(right) < width:
             here = slice(0, height - down), slice(max(-right, 0), width - max(right, 0))
             there = slice(down, height), slice(max(right, 0), width + min(right, 0))
             pairs.append((here, there, 1 - affinity[here]))

@@ -36,6 +36,9 @@ class PromptRule:
 
     weak: float = 0.33  # confidence below which the user is asked to check the object
     likely: float = 0.7  # confidence from which a point takes the segmenter's object
+    whole: float = (
+        0.9  # share of the photo from which a mask is the photo and no object: it has nothing behind it
+    )
     visible: float = 0.3  # share of a prompted object that the others must leave visible
     looks: tuple[float, ...] = (1.4, 0.7, 0.35, 0.175, 0.09)
     """Of the photo's longer side: sides of the squares around a point in which its object is looked for."""
@@ -135,17 +138,15 @@ def weak_prompts(found: Detections) -> Iterator[Problem]:
 
 
 def segment_box(rgb: Rgb, box: Box) -> PromptedMask:
-    """The object in a box, in one piece; the whole box, with confidence 0, where none is seen.
+    """The object in a box, in one piece.
 
-    Raises InputError where the box leaves too little of the photo.
+    Raises InputError where the box leaves too little of the photo, or where nothing is seen in it.
     """
-    left, top, right, bottom = _corners(rgb, box)
-    found = mask_in_box(rgb, (left, top, right, bottom))
-    if found.mask.any():
-        return found
-    whole = np.zeros(rgb.shape[:2], np.bool_)
-    whole[top:bottom, left:right] = True
-    return PromptedMask(whole, 0.0)
+    found = mask_in_box(rgb, _corners(rgb, box))
+    if not 0 < found.mask.mean() < RULE.whole:
+        fix = "draw it closer around an object, or give the object's mask: --masks FILE"
+        raise InputError.of(_flag("box", box), "", "shows no object", fix)
+    return found
 
 
 def segment_point(
@@ -171,12 +172,12 @@ def segment_point(
     contested = False
     for look in RULE.looks:
         first = mask_at_point(rgb, (x, y), look * max(height, width))
-        if not first.mask[y, x]:
+        if not first.mask[y, x] or first.mask.mean() >= RULE.whole:
             continue
         own = split(rgb, first.mask, (x, y), others)
         again = mask_in_box(rgb, box_of(own)) if own.any() else PromptedMask(own, 0.0)
         contested |= not meant(first.mask)
-        if meant(again.mask):
+        if meant(again.mask) and again.mask.mean() < RULE.whole:
             alike = np.count_nonzero(first.mask & again.mask) / np.count_nonzero(first.mask | again.mask)
             found.append(PromptedMask(again.mask, float(first.confidence * again.confidence * alike)))
     if not found:

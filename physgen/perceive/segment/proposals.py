@@ -122,32 +122,10 @@ def distinct(proposals: Sequence[Proposal], same: float = 0.96) -> list[Proposal
     return kept
 
 
-Floats = NDArray[np.float64]
-
-AGREEMENT_SHARPNESS = 8.0
-"""Weight of the better proposals in the agreement; chosen on the studio's photos."""
-
-
 def iou(a: Proposal, b: Proposal) -> float:
     """Intersection over union."""
     common = overlap(a, b)
     return common / max(a.area + b.area - common, 1)
-
-
-def agreement(forms: Sequence[Proposal], worth: Floats) -> Floats:
-    """(n,): logarithm of the mean IoU of each with all, weighted by `worth` (n,)."""
-    weight = np.exp(AGREEMENT_SHARPNESS * (worth - worth.max()))
-    low = np.min([one.box[:2] for one in forms], axis=0)
-    high = np.max([one.box[2:] for one in forms], axis=0)
-    flat = np.zeros((len(forms), int(high[1] - low[1]), int(high[0] - low[0])), np.float32)
-    for k, one in enumerate(forms):
-        left, top = one.x - int(low[0]), one.y - int(low[1])
-        flat[k, top : top + one.mask.shape[0], left : left + one.mask.shape[1]] = one.mask
-    rows = flat.reshape(len(forms), -1)
-    common = (rows @ rows.T).astype(np.float64)
-    area = np.diag(common)
-    alike = common / (area[:, None] + area - common)
-    return np.asarray(np.log(np.maximum(alike @ weight / weight.sum(), 1e-12)), np.float64)
 
 
 POINTS = 96

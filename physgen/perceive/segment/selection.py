@@ -33,7 +33,6 @@ class SelectionConstants:
     """Bonus where three selected proposals have the same size and compactness: objects come in sets."""
     gap_penalty: float = 0.4
     """Penalty of a small proposal between larger selected ones: a gap, or a face of an object."""
-    outlier: float = 0.7  # least score of a selected proposal, relative to the upper quartile of all
     working_area: int = 512 * 512
     """px searched; larger photos are reduced to it."""
     working_side: int = 4096  # px: the longest side searched, of a panorama
@@ -109,10 +108,6 @@ def select(
         gap = np.maximum(gap, _gaps(pool, area, chosen, shape))
         final = score + _sets(score, area, compactness, chosen, excludes) - gap
         chosen = best_set((final - SELECTION.threshold) * weight, excludes)
-    if chosen.any():
-        chosen &= final > max(
-            SELECTION.threshold, SELECTION.outlier * float(np.quantile(final[chosen], 0.75))
-        )
     return [pool[i] for i in np.flatnonzero(chosen).tolist()], final[chosen]
 
 

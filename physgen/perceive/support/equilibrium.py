@@ -320,8 +320,9 @@ class _Forces:
                 continue
             mu = self.friction.get(both, self.default)
             along = np.array([-contact.normal[1], contact.normal[0]])
-            # a round object is held by a spot, not by a point
-            spot = LIMITS.spot * min((self.discs[i] for i in both if i in self.discs), default=0.0)
+            # a round object is held by a spot, not by a point, unless it lies on another
+            radii = [self.discs[i] for i in both if i in self.discs]
+            spot = LIMITS.spot * radii[0] if len(radii) == 1 else 0.0
             for aside in (-spot, spot) if spot else (0.0,):
                 for way in (-mu, mu):
                     force = contact.normal + way * along

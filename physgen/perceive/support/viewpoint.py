@@ -25,6 +25,7 @@ from physgen.perceive.roles import (
     Suitability,
 )
 from physgen.perceive.segment.network import run_network
+from physgen.perceive.segment.prompts import RULE
 from physgen.scene.scene import View
 
 LEAST = 30  # px of background from which a part of the photo counts
@@ -135,6 +136,7 @@ class _Doubts:
     detail: float = 0.4  # fine detail: clutter, crowds, gravel
     view: float = 0.6  # confidence of the view
     unheld: float = 0.5  # of the objects, under which nothing is seen
+    filling: float = 0.6  # one object, as large as the largest that is looked for
     side: int = 256  # px, the photo's width as its texture is judged
     patch: int = 9  # px, over which detail is averaged
     fine: float = 12.0  # mean of |Laplacian|, 8-bit codes, of a patch of fine detail
@@ -151,13 +153,16 @@ def judge_suitability(
 ) -> Suitability:
     """Reasons to doubt that the photo shows loose objects at rest, from what perception knows of it.
 
-    Masks that the user gave are sure.
+    Masks that the user gave are sure, and so are those that are kept.
     """
     size, view = np.bincount(found.labels.ravel(), minlength=1) / found.labels.size, boundaries.confidence
     area = {t.id: float(size[t.id]) for t in objects}
-    reasons = (
-        [] if found.source in ("given", "pointed at", "kept") else _photo_doubts(rgb, found, objects, area)
-    )
+    by_hand = found.source in ("given", "pointed at")
+    reasons = [] if by_hand else _photo_doubts(rgb, found, objects, area)
+    if any(found.confidence[i] < RULE.weak for i in found.prompts):
+        reasons.append("what is pointed at hardly stands out")
+    if (largest := max(area.values(), default=0.0)) > DOUBTS.filling:
+        reasons.append(f"one object fills {100 * largest:.0f} % of it")
     loose = [t for t in objects if not t.cut]
     unheld = len(boundaries.held) + sum(wall.name.startswith("nest") for wall in boundaries.walls)
     if unheld > DOUBTS.unheld * max(len(loose), 1):
