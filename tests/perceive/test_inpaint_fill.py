@@ -187,3 +187,18 @@ def test_behind_balls_on_a_shelf_is_what_is_above_them(dark: bool):
         hole |= np.hypot(x - centre, y - foot + 19.5) <= 20.5
     behind = fill()(photo, hole)[hole & (y < foot - 8) & (x > 70) & (x < 250)].mean()
     assert behind < 45 if dark else behind > 230
+
+
+def test_the_thin_edge_of_a_shelf_goes_on_below_what_stood_on_it() -> None:
+    """Three rows of black on white, which balls cover here and there; a ramp of grey below them is no line."""
+    grain = np.random.default_rng(2).normal(0, 2, (120, 200, 1))
+    picture = np.clip(235 + grain + np.zeros((120, 200, 3)), 0, 255)
+    picture[70:73] = 25
+    picture[90:110] -= 4 * np.arange(20)[:, None, None]
+    picture = picture.astype(np.uint8)
+    y, x = np.mgrid[:120, :200]
+    hole = np.min([np.hypot(x - c, y - 50) for c in (45, 81, 119, 155)], axis=0) < 24
+    found = fill()(np.where(hole[..., None], np.uint8([200, 40, 30]), picture), hole)
+    assert np.abs(found[71, 20:180].astype(int) - 25).max() < 40
+    assert np.abs(found[:66].astype(int) - picture[:66]).mean() < 3
+    assert np.array_equal(found[80:], picture[80:])

@@ -30,6 +30,12 @@ class _Limits:
     # levels: RMS distance from a quadratic surface up to which the surroundings are smooth
     smooth: float = 3.0
     grain: float = 3.0  # px: standard deviation of the blur that separates grain from colour
+    # level lines, as a shelf's edge: px along and beside them in which they are seen, levels by which they stand out,
+    # share of these by which their ends differ at most, and px beside their middle that are drawn
+    line: tuple[int, int] = (4, 4)
+    contrast: float = 25.0
+    differ: float = 0.3
+    drawn: int = 2
 
 
 LIMITS = _Limits()
@@ -48,10 +54,45 @@ def _fill(rgb: Rgb, hole: Mask) -> Rgb:
     near, far = dilate(whole, LIMITS.mixed), dilate(whole, LIMITS.mixed + LIMITS.band)
     if far.all():  # hardly anything is left to learn from
         near = far = hole
+    photo, carried = _carry_level_lines(photo, near)
+    near, far = near & ~carried, far & ~carried
     borrowed = _smooth_pieces(photo, patch_match_fill(photo, far), far)
     gap = np.where(near[:, :, None], np.float32(0), np.clip(photo - borrowed, -LIMITS.limit, LIMITS.limit))
     filled = np.where(near[:, :, None], borrowed + harmonic_fill(gap, near, 0.4), photo)
     return blend_at_border(filled, rgb, hole)
+
+
+def _carry_level_lines(photo: F32, hole: Mask) -> tuple[F32, Mask]:
+    """`photo` (H, W, 3) with level lines that it shows at both sides of the `hole` (H, W) carried through; and where."""
+    (along, beside), thick = LIMITS.line, LIMITS.drawn
+    found, best = photo.copy(), np.full(hole.shape, np.inf, np.float32)
+    seen = np.where(hole[..., None], np.float32(np.nan), photo)
+    for y in range(beside, len(hole) - beside):
+        rows, middle = slice(y - beside, y + beside + 1), slice(beside - thick, beside + thick + 1)
+        borders = np.flatnonzero(np.diff(hole[y], prepend=False, append=False))
+        for left, right in zip(borders[::2], borders[1::2], strict=True):
+            if left < along or right > hole.shape[1] - along:
+                continue
+            one, other = (
+                seen[rows, left - along : left].mean(axis=1),
+                seen[rows, right : right + along].mean(axis=1),
+            )
+            both = ~np.isnan(one + other).any(axis=1)
+            if not both[beside] or both.sum() <= beside:
+                continue
+            contrast, off = np.abs(one - one[beside])[both].max(), float(np.abs(one - other)[both].mean())
+            if contrast < LIMITS.contrast or off > LIMITS.differ * contrast:
+                continue
+            part = np.s_[y - thick : y + thick + 1, left:right]
+            away = np.where(both[middle], off + 3 * np.abs(np.arange(-thick, thick + 1)), np.inf)[:, None]
+            closer = hole[part] & (away < best[part])
+            share = np.linspace(0, 1, right - left)[None, :, None]
+            line = (1 - share) * one[middle, None] + share * other[middle, None]
+            found[part], best[part] = (
+                np.where(closer[..., None], line, found[part]),
+                np.where(closer, away, best[part]),
+            )
+    return found, np.isfinite(best)
 
 
 def _smooth_pieces(photo: F32, borrowed: F32, hole: Mask) -> F32:
