@@ -100,7 +100,7 @@ def taken_away() -> dict[str, dict[str, object]]:
     """Parts of finding objects, and what stands in segment_learned without each of them."""
     constants, foreground = segment_learned.LEARNED, FEATURES.index("foreground")
     return {
-        "joining of parts": {"LEARNED": replace(constants, covered=np.inf)},
+        "joining of parts": {"joined": lambda found, fit, best: best},
         "agreement of edges": {"LEARNED": replace(constants, agreement=0.0)},
         "colours around": {"LEARNED": replace(constants, gap_penalty=0.0)},
         "the judge": {"expected_fit": lambda evidence: evidence[:, foreground].copy()},

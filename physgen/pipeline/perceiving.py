@@ -66,7 +66,7 @@ def perceive(
     from physgen.perceive.document import summary, write_scene
     from physgen.perceive.perceive import LONGEST_SIDE, shrink_detections, shrink_photo
     from physgen.perceive.perceive import perceive as run
-    from physgen.perceive.segment.prompts import Segmenter, from_masks, from_prompts, weak_prompts
+    from physgen.perceive.segment.prompts import Segmenter, from_masks, from_prompts
     from physgen.photos import read_photo
     from physgen.registry import Backends
 
@@ -99,8 +99,6 @@ def perceive(
         points = [(point[0] * x, point[1] * y) for point in points]
         found = from_prompts(rgb, boxes, points, Segmenter(crew, options.asked))
         crew.release("segment")
-        for problem in weak_prompts(found):
-            warn(problem)
     for problem in _unused_choices(crew, options):
         warn(problem)
     if found is not None:
@@ -117,10 +115,6 @@ def perceive(
     first, *more = summary(perceived)
     inform("\n".join([f"{image}: {first}", *more]))
     return write_scene(perceived, image if as_it_is else None, image.stem, output, options.assets, keep)
-
-
-REST, STAYS, LOOKS = 2.0, 1.0, 81
-"""s and px: what goes farther in that time without a push is held; and the times at which it is looked at."""
 
 
 def _tried(perceived: PerceivedScene) -> Opened:
@@ -143,35 +137,30 @@ def _tried(perceived: PerceivedScene) -> Opened:
 
 
 def _at_rest(perceived: PerceivedScene) -> PerceivedScene:
-    """The scene in which objects are held that do not stay where the photo shows them, those that go first at first."""
+    """The scene in which objects are held that go farther than 1 px in 2 s without a push, the first to go at first."""
     import numpy as np
 
     from physgen.compile.compile import compile_shapes
     from physgen.compile.shapes import shapes_of
-    from physgen.scene.scene import Motion, View
+    from physgen.scene.scene import View
     from physgen.simulate.engine import simulate
 
-    scene = _tried(perceived).scene()
+    opened = _tried(perceived)
+    scene = opened.scene()
     shapes = shapes_of(scene, None)
     objects, comments = dict(perceived.document["objects"]), dict(perceived.comments)
     while scene.world.view is View.SIDE:
-        poses = simulate(compile_shapes(scene, shapes).world, np.linspace(0, REST, LOOKS)).poses[..., :2]
-        away = np.hypot(*np.moveaxis(poses - poses[:1], -1, 0)) > STAYS
+        poses = simulate(compile_shapes(scene, shapes).world, np.linspace(0, 2, 81)).poses[..., :2]
+        away = np.hypot(*np.moveaxis(poses - poses[:1], -1, 0)) > 1
         if not away.any():
             break
         goes = away[int(away.any(axis=1).argmax())]
-        held = [item.name for item, gone in zip(scene.objects, goes, strict=True) if gone]
-        for name in held:
+        for name in [item.name for item, gone in zip(scene.objects, goes, strict=True) if gone]:
             item = {key: value for key, value in objects[name].items() if key not in ("rolling", "velocity")}
             sources = {key: value for key, value in item["from"].items() if key != "rolling"}
             objects[name] = item | {"motion": "static", "from": sources}
             comments[f"objects.{name}.motion"] = "it would not stay there, so it is held; dynamic lets it go"
-        scene = replace(
-            scene,
-            objects=tuple(
-                replace(item, motion=Motion.STATIC) if item.name in held else item for item in scene.objects
-            ),
-        )
+        scene = opened.scene([f"objects.{k}.motion=static" for k, one in objects.items() if "motion" in one])
     return replace(perceived, document=perceived.document | {"objects": objects}, comments=comments)
 
 
@@ -278,7 +267,7 @@ def refresh(
     from physgen.perceive.perceive import fit_objects
     from physgen.perceive.perceive import perceive as run
     from physgen.perceive.roles import Name
-    from physgen.perceive.segment.prompts import Segmenter, weak_prompts
+    from physgen.perceive.segment.prompts import Segmenter
     from physgen.photos import read_photo
     from physgen.pipeline.stages import percepts
     from physgen.registry import Backends
@@ -297,8 +286,6 @@ def refresh(
     find = Segmenter(crew, options.asked)
     begun = old_and_new.start_refresh(photo.rgb, scene.objects, kept, options.boxes, options.points, find)
     crew.release("segment")
-    for problem in weak_prompts(begun.found):
-        warn(problem)
     for name in begun.gone:
         expected = "is part of what was pointed at and has gone"
         fix = "leave the box or point out if it should stay"

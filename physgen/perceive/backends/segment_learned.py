@@ -27,7 +27,6 @@ class LearnedConstants:
     area_power: float = 0.5  # exponent of the area in a proposal's gain, which balances wholes against parts
     agreement: float = 0.5  # bonus of the selection by edges
     foreground: tuple[float, ...] = (0.3, 0.6)  # mean foreground from which that counts in part, in full
-    best: float = 0.99  # highest fit with the bonus
     doubtful: float = 0.1  # confidence from which a proposal is a doubtful object
     gap_penalty: float = 0.35  # of a selected proposal whose colours continue around it
     rarer: float = 3.0  # factor by which a colour may be rarer there and still count as continued
@@ -37,7 +36,6 @@ class LearnedConstants:
     """Mean movability from which an object may be moved: people, animals and furniture are none."""
     same: float = 0.5  # IoU below which what is cut out again is another object
     inside: float = 0.7  # share of a selected proposal in a whole from which it is one of its parts
-    covered: float = 0.4  # share of a whole that its two or more parts cover, from which it replaces them
     better: float = 0.1  # fit by which each of them exceeds that of the whole, from which it does not
     doubts: int = 8  # doubtful objects at most
     set_size: int = 5  # round objects of one radius from which they are a set, as of balls or marbles
@@ -190,10 +188,10 @@ def left_to_right(objects: Segments) -> Segments:
 
 
 def worth(found: Candidates, fit: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) 0..1: expected fits (n,) with a bonus where edges selected the same and the network sees an object."""
+    """(n,): expected fits (n,) with a bonus where edges selected the same and the network sees an object."""
     foreground = found.evidence[:, FEATURES.index("foreground")]
     share = np.interp(foreground, LEARNED.foreground, (0, 1))
-    return np.minimum(fit + LEARNED.agreement * found.edges * share, LEARNED.best)
+    return fit + LEARNED.agreement * found.edges * share
 
 
 def joined(found: Candidates, fit: NDArray[np.float64], best: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -205,7 +203,7 @@ def joined(found: Candidates, fit: NDArray[np.float64], best: NDArray[np.intp]) 
         common = np.array([overlap(found.proposals[whole], found.proposals[k]) for k in best.tolist()])
         parts = common > LEARNED.inside * area[best]
         better = fit[best[parts]].min(initial=1.0) > fit[whole] + LEARNED.better
-        if parts.sum() > 1 and common[parts].sum() > LEARNED.covered * area[whole] and not better:
+        if parts.sum() > 1 and not better:
             mean = float(np.average(fit[best[parts]], weights=area[best[parts]]))
             fit[whole] = max(float(fit[whole]), mean)
             best = np.append(best[~parts], whole)

@@ -53,20 +53,20 @@ class NetworkMaps:
     movable: F32  # 0..1: if on an object, on one that may be moved: no person, animal or piece of furniture
 
 
-def run_network(rgb: NDArray[np.uint8], sides: Sequence[int] = PASSES) -> NetworkMaps:
-    """The network's maps of a photo (H, W, 3) sRGB, from passes with its longer side at each of `sides` px.
+def run_network(rgb: NDArray[np.uint8]) -> NetworkMaps:
+    """The network's maps of a photo (H, W, 3) sRGB, from `PASSES`.
 
     The last photo's maps are cached, since several roles of perception need them; the arrays are read-only.
     """
-    return _seen(rgb.tobytes(), rgb.shape[0], rgb.shape[1], tuple(sides))
+    return _seen(rgb.tobytes(), rgb.shape[0], rgb.shape[1])
 
 
 @lru_cache(maxsize=1)
-def _seen(codes: bytes, height: int, width: int, sides: tuple[int, ...]) -> NetworkMaps:
+def _seen(codes: bytes, height: int, width: int) -> NetworkMaps:
     rgb = np.frombuffer(codes, np.uint8).reshape(height, width, 3)
     mirror = np.ascontiguousarray(rgb[:, ::-1])
     # their errors differ, and the mean of both is nearer to the truth
-    passes = [(_pass(rgb, side) + mirrored(_pass(mirror, side))) / 2 for side in sides]
+    passes = [(_pass(rgb, side) + mirrored(_pass(mirror, side))) / 2 for side in PASSES]
     h, w = passes[-1].shape[1:]
     same = [cv2.resize(one.transpose(1, 2, 0), (w, h), interpolation=cv2.INTER_LINEAR) for one in passes]
     mean = np.asarray(np.mean(same, axis=0), np.float32)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -21,7 +21,7 @@ from physgen.perceive.roles import (
     Segments,
 )
 from physgen.perceive.segment.network import box_of, mask_at_point, mask_in_box
-from physgen.problems import InputError, Place, Problem, Severity
+from physgen.problems import InputError, Problem
 from physgen.registry import Backends
 
 Box = tuple[float, float, float, float]
@@ -34,7 +34,7 @@ Point = tuple[float, float]
 class PromptRule:
     """Constants of prompts, chosen on the validation homes and the tune half."""
 
-    weak: float = 0.33  # confidence below which the user is asked to check the object
+    weak: float = 0.33  # confidence below which what is pointed at makes the photo doubtful
     likely: float = 0.7  # confidence from which a point takes the segmenter's object
     whole: float = (
         0.9  # share of the photo from which a mask is the photo and no object: it has nothing behind it
@@ -123,18 +123,6 @@ def from_prompts(rgb: Rgb, boxes: Sequence[Box], points: Sequence[Point], segmen
     prompts = {k: {kind: [round(float(v), 2) for v in place]} for k, (kind, place) in enumerate(places, 1)}
     confidence = {k: one.confidence for k, one in enumerate(masks, 1)}
     return Detections(labels, "pointed at", confidence, {}, prompts)
-
-
-def weak_prompts(found: Detections) -> Iterator[Problem]:
-    """A warning for each prompt whose object hardly stands out."""
-    for i, prompt in found.prompts.items():
-        if found.confidence[i] < RULE.weak:
-            (kind, place), *_ = prompt.items()
-            expected, fix = (
-                "shows nothing that stands out",
-                "look at its outline, or draw the mask: --masks FILE",
-            )
-            yield Problem(Place(_flag(kind, place)), "", "", expected, fix, Severity.WARNING)
 
 
 def segment_box(rgb: Rgb, box: Box) -> PromptedMask:
