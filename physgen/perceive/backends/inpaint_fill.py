@@ -63,7 +63,7 @@ def _fill(rgb: Rgb, hole: Mask) -> Rgb:
 
 
 def _carry_level_lines(photo: F32, hole: Mask) -> tuple[F32, Mask]:
-    """`photo` (H, W, 3) with level lines that it shows at both sides of the `hole` (H, W) carried through; and where."""
+    """`photo` (H, W, 3) with level lines that it shows at both sides of the `hole` (H, W) carried on; and where."""
     (along, beside), thick = LIMITS.line, LIMITS.drawn
     found, best = photo.copy(), np.full(hole.shape, np.inf, np.float32)
     seen = np.where(hole[..., None], np.float32(np.nan), photo)
