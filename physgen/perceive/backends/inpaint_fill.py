@@ -54,18 +54,16 @@ def _fill(rgb: Rgb, hole: Mask) -> Rgb:
     near, far = dilate(whole, LIMITS.mixed), dilate(whole, LIMITS.mixed + LIMITS.band)
     if far.all():  # hardly anything is left to learn from
         near = far = hole
-    photo, carried = _carry_level_lines(photo, near)
-    near, far = near & ~carried, far & ~carried
     borrowed = _smooth_pieces(photo, patch_match_fill(photo, far), far)
     gap = np.where(near[:, :, None], np.float32(0), np.clip(photo - borrowed, -LIMITS.limit, LIMITS.limit))
     filled = np.where(near[:, :, None], borrowed + harmonic_fill(gap, near, 0.4), photo)
-    return blend_at_border(filled, rgb, hole)
+    return blend_at_border(_carry_level_lines(filled, photo, near), rgb, hole)
 
 
-def _carry_level_lines(photo: F32, hole: Mask) -> tuple[F32, Mask]:
-    """`photo` (H, W, 3) with level lines that it shows at both sides of the `hole` (H, W) carried on; and where."""
+def _carry_level_lines(filled: F32, photo: F32, hole: Mask) -> F32:
+    """`filled` (H, W, 3) with level lines that the photo shows at both sides of the `hole` (H, W) carried on."""
     (along, beside), thick = LIMITS.line, LIMITS.drawn
-    found, best = photo.copy(), np.full(hole.shape, np.inf, np.float32)
+    found, best = filled.copy(), np.full(hole.shape, np.inf, np.float32)
     seen = np.where(hole[..., None], np.float32(np.nan), photo)
     for y in range(beside, len(hole) - beside):
         rows, middle = slice(y - beside, y + beside + 1), slice(beside - thick, beside + thick + 1)
@@ -92,7 +90,7 @@ def _carry_level_lines(photo: F32, hole: Mask) -> tuple[F32, Mask]:
                 np.where(closer[..., None], line, found[part]),
                 np.where(closer, away, best[part]),
             )
-    return found, np.isfinite(best)
+    return found
 
 
 def _smooth_pieces(photo: F32, borrowed: F32, hole: Mask) -> F32:
