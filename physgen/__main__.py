@@ -18,9 +18,16 @@ Python's 700 that takes 6 % of such a clip, at 20,000 it takes 3 %."""
 def main() -> int:
     """The command line; Ctrl-C while it is imported ends it without a traceback, too."""
     gc.set_threshold(NEW_OBJECTS)
+    if (
+        not {"OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"} & os.environ.keys()
+        and "evaluate" not in sys.argv[1:2]
+    ):
+        os.environ["OPENBLAS_NUM_THREADS"] = "1"  # matrices are small: threads for them only wait, busily
     try:
         from physgen.cli.main import main as run
+        from physgen.environment import keep_freed_memory
 
+        keep_freed_memory()
         return _end(run())
     except KeyboardInterrupt:
         return INTERRUPTED

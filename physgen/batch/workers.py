@@ -19,6 +19,7 @@ from multiprocessing.connection import Connection, wait
 from threading import Thread
 from typing import Any, TypeVar
 
+from physgen.environment import keep_freed_memory
 from physgen.signals import install_handler
 
 Item = TypeVar("Item")
@@ -156,6 +157,7 @@ def run_parallel(
 
 def child_main(number: int, parent: int) -> None:
     """Main function of a Child: `number` is the file descriptor of its line, `parent` the process that asks."""
+    keep_freed_memory()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(1))
     install_handler()

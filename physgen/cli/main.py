@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import io
-import os
 import re
 import signal
 import sys
@@ -52,8 +51,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
             parser.error(f"{text}: URLs are not read or written; mount the store, or copy the files")
     options = parser.parse_args(given)
     options.command_line = ["physgen", *given]
-    if options.command != EVALUATE.name:  # other matrices are small: threads for them only wait, busily
-        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with suppress(ValueError):  # not the main thread, which alone gets signals
         signal.signal(signal.SIGTERM, _interrupt)
     install_handler()

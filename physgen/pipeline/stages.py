@@ -89,6 +89,7 @@ def ended(scene: Scene, compiled: Compiled, tape: StepLog | None = None) -> Comp
     A `tape` that is kept saves running the same world again.
     """
     from physgen.compile.compile import frame_times
+    from physgen.scene.scene import Solid
     from physgen.simulate.recorder import StepLog
 
     if not scene.world.until_rest:
@@ -96,13 +97,16 @@ def ended(scene: Scene, compiled: Compiled, tape: StepLog | None = None) -> Comp
     slow = 1.0 if scene.render.frames is not None else scene.render.slow
     world, pause, most = compiled.world, 0.5 / slow, scene.world.duration / slow
     reach = np.array([body.reach for body in world.bodies] or [0.0])
+    ends = [
+        body.solid is not Solid.SPHERE or body.rolling > 0 for body in world.bodies
+    ]  # other spins go on for ever
     tape = tape or StepLog()
     for length in (*(part / slow for part in (1.25, 2.5, 5.0) if part / slow < most), most):
         times = np.arange(0.0, length, pause / 15)
         run = tape.read(times, motion_only=True)
         poses = (run or simulate(replace(world, duration=most, times=times), tape=tape)).poses
         off = np.abs(poses - poses[-1:]) * np.array([1.0, 1.0, 0.0])
-        off[..., 2] = np.abs(poses[..., 2] - poses[-1:, :, 2]) * reach
+        off[..., 2] = np.abs(poses[..., 2] - poses[-1:, :, 2]) * reach * np.array(ends or [False])
         out = (poses[..., :2] < -reach[:, None]) | (poses[..., :2] > reach[:, None] + world.size)
         moving = (off.max(axis=2, initial=0) > 1) & ~out.any(axis=2)
         last = float(times[moving.any(axis=1)].max(initial=0.0))

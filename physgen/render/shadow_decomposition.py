@@ -59,8 +59,12 @@ class ShadowTuning:
     """Sum of objects' claims on a pixel from which its plate gives way to the clean picture, and where it is that."""
     explained: float = 0.5
     """Share of the spread of shadows' offsets that one near lamp must explain, to be believed."""
+    shadows: int = 3
+    """Shadows that slide, at least: two lie along any line by chance."""
     lamp: float = 1.5
-    """Times that spread: a part of each offset is the distant light's, which geometry predicts for all alike."""
+    """Times that spread (fitted on billiards): a part of each offset is what geometry predicts for all alike."""
+    leans: float = 0.3
+    """px for each px of the object's way, at most."""
     faint: float = 0.006
     """-log of light that is not missed: half a grey level of a middle grey."""
     cells: int = 24
@@ -350,7 +354,7 @@ def _leaning(casts: list[CastShadow]) -> list[CastShadow]:
             places.append(cast.start.center)
             offsets.append((middle - places[-1]) / cast.start.thick)
             weights.append(moments["m00"])
-    if len(weights) < 2:
+    if len(weights) < SHADOW.shadows:
         return casts
     place, offset = (np.array(part) - np.average(part, axis=0, weights=weights) for part in (places, offsets))
     weight = np.array(weights)[:, None]
@@ -359,7 +363,7 @@ def _leaning(casts: list[CastShadow]) -> list[CastShadow]:
     explained = slope**2 * spread / max(float((weight * offset**2).sum()), 1e-9)
     if slope <= 0 or explained < SHADOW.explained:
         return casts
-    return [replace(cast, lean=SHADOW.lamp * slope * cast.start.thick) for cast in casts]
+    return [replace(cast, lean=min(SHADOW.lamp * slope * cast.start.thick, SHADOW.leans)) for cast in casts]
 
 
 def unbounded_shadow(what: Silhouette, setting: ShadowSetting, step: int) -> tuple[PixelBox, F32]:

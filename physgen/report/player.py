@@ -210,7 +210,8 @@ def _shadows(
     for k in moving:
         if any("src" in row for row in rows[k]):
             slides = lit.casts[k].sliding is not None
-            yield {"body": stage.sprites[k].body, "slides": slides, "keys": rows[k]}
+            lean = {"lean": round(lit.casts[k].lean, 4)} if lit.casts[k].lean else {}
+            yield {"body": stage.sprites[k].body, "slides": slides, "keys": rows[k]} | lean
 
 
 def _dark(stage: Stage, lit: LitBackground, stand: SpritePose) -> tuple[PixelBox, F32] | None:

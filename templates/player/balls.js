@@ -1,5 +1,6 @@
 // A ball's skin, light and gloss -> the ball as it has turned in space: skin turns, light stays.
-// The same rule as physgen.render.atlas: a point of the side that the photo does not show has its antipode's colour.
+// As in physgen.render.atlas, a point of the side that the photo does not show has its antipode's colour; but borders of
+// paints are not smoothed across the rim.
 
 const RIM = 0.955; // of the radius: beyond it the skin goes on as it is there
 const CODE = Uint8ClampedArray.from({ length: 4097 }, (_, k) => {

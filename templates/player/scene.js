@@ -32,7 +32,8 @@ function makeScene(data, motion, pictures) {
       const image = images[0];
       if (!image) return;
       const [left, top, w, h] = first.box, [x, y] = body.rest || [body.x[0], body.y[0]]; // as the photo shows it
-      put(context, image, [left + pose.x - x, top + pose.y - y, w, h]);
+      const far = 1 + (row.lean || 0); // away from a lamp that is near
+      put(context, image, [left + far * (pose.x - x), top + far * (pose.y - y), w, h]);
       return;
     }
     const samples = row.keys.map((key) => data.frames[key.sample]);

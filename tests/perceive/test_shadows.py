@@ -308,7 +308,7 @@ def test_what_a_floor_mirrors_of_an_object_goes_and_the_floors_own_pattern_stays
     fade = np.clip(1 - (Y - 70) / 18, 0, 1) * (Y >= 70)
     mirrored = 0.5 * fade * (np.abs(X - 59.5) < 10)
     floor = BOARDS * (1 - mirrored[..., None]) + mirrored[..., None] * np.array([250, 120, 30])
-    floor[:, 137:142] = BOARDS[:, 137:142] // 2  # a groove, narrower than the object's foot
+    floor[70:100, 137:142] = BOARDS[70:100, 137:142] * 0.8  # a groove, narrower than the object's foot
     picture = floor.astype(np.uint8)
     clean = remove_reflections(picture, labels, (labels > 0).astype(np.float32), inpaint)
     there = mirrored > 0.1

@@ -392,15 +392,15 @@ def test_the_far_side_of_a_ball_goes_on_with_its_stripe() -> None:
         )
 
     ball = ball_from_photo(ball_turned(np.eye(3)), (0, 0), (50.0, 50.0), r, SUN, View.TOP)
-    for vector in ([0.0, np.pi, 0.0], [2.4, 0.3, 0.5]):
+    for vector in ([0.0, np.pi, 0.0], [0.0, 1.5, 0.0]):
         turn = cv2.Rodrigues(np.array(vector))[0]
         found = turned(ball, (50.0, 50.0), turn, size, (0, 0)) + ball.gloss
         off = np.abs(encode_u8(found).astype(int) - encode_u8(ball_turned(turn))).max(-1)[z > 0.35]
-        assert (off > 30).mean() < 0.12
+        assert (off > 30).mean() < 0.035
 
 
 def test_shadows_of_a_near_lamp_lean_away_from_it(tmp_path) -> None:
-    """Two discs, their shadows the farther off the farther they are from a lamp; one moves to its other side."""
+    """Three discs, their shadows the farther off the farther they are from a lamp; one moves to its other side."""
     lamp, lean, soft, way = np.array([130.0, 90.0]), 0.12, 3, np.array([110.0, 0.0])
     yy, xx = np.mgrid[:180, :320]
 
@@ -411,7 +411,7 @@ def test_shadows_of_a_near_lamp_lean_away_from_it(tmp_path) -> None:
             dark *= 1 - 0.5 * cv2.GaussianBlur(np.clip(16.5 - np.hypot(xx - x, yy - y), 0, 1), (0, 0), soft)
         return dark[..., None]
 
-    middles = [np.array([60.0, 60.0]), np.array([270.0, 130.0])]
+    middles = [np.array([60.0, 60.0]), np.array([270.0, 130.0]), np.array([60.0, 140.0])]
     empty = np.full((180, 320, 3), 0.3)
     cover = sum(np.clip(15.5 - np.hypot(xx - x, yy - y), 0, 1) for x, y in middles)
     lit = empty * shade(middles)
@@ -423,7 +423,7 @@ def test_shadows_of_a_near_lamp_lean_away_from_it(tmp_path) -> None:
         "photo.assets/background": lit,
     }.items():
         cv2.imwrite(str(tmp_path / f"{name}.png"), encode_u8(picture.astype(np.float32)))
-    masks = (np.hypot(xx - 60, yy - 60) < 15.5) + 2 * (np.hypot(xx - 270, yy - 130) < 15.5)
+    masks = sum(k * (np.hypot(xx - x, yy - y) < 15.5) for k, (x, y) in enumerate(middles, 1))
     cv2.imwrite(str(tmp_path / "photo.assets/masks.png"), masks.astype(np.uint8))
     (tmp_path / "scene.yaml").write_text("""\
 physgen: 1
@@ -433,10 +433,11 @@ world: {view: top, duration: 1}
 objects:
   a: {mask: 1, shape: {circle: {center: [60, 60], radius: 15}}, velocity: [110, 0]}
   b: {mask: 2, shape: {circle: {center: [270, 130], radius: 15}}}
+  c: {mask: 3, shape: {circle: {center: [60, 140], radius: 15}}}
 light: {direction: [0, 0, 1]}
 """)
     last = decode(frames(tmp_path / "scene.yaml", [0.0, 1.0])[-1].rgb)
-    now = [middles[0] + way, middles[1]]
+    now = [middles[0] + way, *middles[1:]]
     bare = np.min([np.hypot(xx - x, yy - y) for x, y in now], axis=0) > 18
     off = np.abs(last - empty * shade(now)).max(-1)[bare & (np.hypot(xx - 170, yy - 60) < 45)]
     along = lamp + (middles[0] - lamp) * (1 + lean) + way  # a shadow that only moves along with its disc

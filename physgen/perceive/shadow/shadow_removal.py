@@ -84,7 +84,7 @@ class _Reflection:
     least: float = 0.1  # -log of light: a fainter one is not seen
     most: float = 0.5  # mean -log of light: a floor mirrors no more, what differs more is another surface
     inside: float = 0.9  # share of it that lies in the object's mirror image
-    foot: int = 10  # part of the object's height that counts as its foot
+    foot: float = 0.1  # of the object's height, that counts as its foot
     wide: float = 0.7  # of the foot's width: a narrower difference is the floor's own pattern
 
 
@@ -347,7 +347,7 @@ def remove_reflections(clean: Rgb, labels: Labels, coverage: F32, inpaint: Inpai
                 mirrored[foot : foot + deep], own[foot - deep : foot][::-1], out=mirrored[foot : foot + deep]
             )
             widths[number] = np.ptp(
-                np.flatnonzero(own[foot - 1 - deep // REFLECTION.foot : foot].any(axis=0))
+                np.flatnonzero(own[foot - 1 - int(REFLECTION.foot * tall) : foot].any(axis=0))
             )
     mirrored = np.asarray(cv2.dilate(mirrored, np.ones((1, 2 * REFILL.ring + 1), np.uint8)), labels.dtype)
     free = away_from_objects(coverage, REFILL.ring).astype(np.float32)
