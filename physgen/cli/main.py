@@ -11,7 +11,6 @@ import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from errno import ENAMETOOLONG
-from typing import Any
 
 from physgen import __version__
 from physgen.cli import (
@@ -52,7 +51,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             parser.error(f"{text}: URLs are not read or written; mount the store, or copy the files")
     options = parser.parse_args(given)
     options.command_line = ["physgen", *given]
-    if options.command != EVALUATE.name:  # other matrices are small: threads for them only wait, busily
+    if (
+        options.command != evaluate.EVALUATE.name
+    ):  # other matrices are small: threads for them only wait, busily
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with suppress(ValueError):  # not the main thread, which alone gets signals
         signal.signal(signal.SIGTERM, _interrupt)
@@ -104,15 +105,6 @@ def build_parser() -> Parser:
     return parser
 
 
-def add_evaluate(parser: Parser) -> None:
-    kinds: Any = parser.add_subparsers(title="measures", metavar="MEASURE", dest="what", required=True)
-    evaluate.measures(kinds)
-
-
-def add_schema(parser: Parser) -> None:
-    """`schema` has no flags."""
-
-
 def schema(options: argparse.Namespace) -> int:
     from physgen.files import resource
 
@@ -120,18 +112,11 @@ def schema(options: argparse.Namespace) -> int:
     return OK
 
 
-EVALUATE = Command(
-    "evaluate",
-    "Measures photos, clips and answers of raters against a truth or a reference of yours.",
-    "physgen evaluate segmentation photos",
-    add_evaluate,
-    evaluate.evaluate,
-)
 SCHEMA = Command(
     "schema",
     "Prints the JSON Schema of scene files.",
     "physgen schema > scene.schema.json",
-    add_schema,
+    lambda parser: None,
     schema,
 )
 COMMANDS = {
@@ -149,7 +134,7 @@ COMMANDS = {
         export.EXPORT,
         dataset.DATASET,
         gallery.GALLERY,
-        EVALUATE,
+        evaluate.EVALUATE,
         verify.VERIFY,
         perceive.BACKENDS,
         SCHEMA,
