@@ -189,7 +189,7 @@ def write_assets(
     pictures["albedo"] = None if albedo is None else (np.clip(albedo, 0, 1) * 65535 + 0.5).astype(np.uint16)
     drawn = {name: picture for name, picture in pictures.items() if picture is not None}
     with ThreadPoolExecutor(2) as pool:  # OpenCV encodes beside Python
-        files = dict(zip(drawn, pool.map(_png, drawn.values()), strict=True))
+        files = dict(zip(drawn, pool.map(png_bytes, drawn.values()), strict=True))
     for name in pictures:
         if name in files:
             write_with_backup(folder / f"{name}.png", files[name], keep)
@@ -200,12 +200,17 @@ def write_assets(
 
 def write_png(path: Path, picture: U8 | U16, keep: Keep = ignore_kept_file) -> None:
     """Writes (H, W) or (H, W, 3) RGB, 8 or 16 bits, atomically; an existing file that differs is kept as `NAME~`."""
-    write_with_backup(path, _png(picture), keep)
+    write_with_backup(path, png_bytes(picture), keep)
 
 
-def _png(picture: U8 | U16) -> bytes:
+PNG_LEVEL = 1
+"""Of zlib: three times as fast as the usual 6, and files a fifth larger."""
+
+
+def png_bytes(picture: U8 | U16, level: int = PNG_LEVEL) -> bytes:
+    """A file of (H, W) or (H, W, 3) RGB, 8 or 16 bits."""
     bgr = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
-    done, data = cv2.imencode(".png", np.ascontiguousarray(bgr), [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    done, data = cv2.imencode(".png", np.ascontiguousarray(bgr), [cv2.IMWRITE_PNG_COMPRESSION, level])
     if not done:
         kind = f"a picture of shape {picture.shape} and type {picture.dtype}"
         raise ValueError(f"{kind} cannot be a PNG")

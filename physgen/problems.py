@@ -92,6 +92,14 @@ class InputError(Exception):
         return cls([Problem(Place(file), "", found, expected, fix)])
 
 
+class RefusedError(ValueError):
+    """One value that cannot be used; `expected` and `fix` become those of a Problem where its place is known."""
+
+    def __init__(self, expected: str, fix: str) -> None:
+        super().__init__(expected)
+        self.expected, self.fix = expected, fix
+
+
 MIB = 2**20
 _UNITS = {"MiB": MIB, "megapixels": 10**6}
 

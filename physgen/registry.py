@@ -160,19 +160,13 @@ def make(role: str, name: str | None = None, setup: Setup | None = None) -> Any:
     Raises InputError for an unknown role or name, or when a needed library is not installed.
     """
     row = find(role, name)
-    if problem := _not_installed(row):
-        raise InputError([problem])
+    if missing := row.missing():
+        verb = "is" if len(missing) == 1 else "are"
+        expected = f"needs {', '.join(missing)}, which {verb} not installed"
+        raise InputError([Problem(FLAG, "", f'{role}="{row.name}"', expected, install("models"))])
     module, _, factory = row.target.partition(":")
     build = getattr(importlib.import_module(module), factory)
     return build(setup or Setup()) if row.weights or row.takes_setup else build()
-
-
-def _not_installed(row: Backend) -> Problem | None:
-    if not (missing := row.missing()):
-        return None
-    found, fix = f'{row.role}="{row.name}"', install("models")
-    verb = "is" if len(missing) == 1 else "are"
-    return Problem(FLAG, "", found, f"needs {', '.join(missing)}, which {verb} not installed", fix)
 
 
 REMOVED = {"sam3": "grounding-dino+sam", "depth-anything": "marigold", "wan": "animatediff", "best": "models"}
@@ -315,7 +309,9 @@ def load_plan(
 
     A `profile` stands in place of the file's choices. Raises InputError with everything wrong.
     """
-    path = config or user_file()
+    home = os.environ.get("XDG_CONFIG_HOME")
+    users = (Path(home) if home else Path.home() / ".config") / "physgen" / CONFIGURATION
+    path = config or users
     found: Configuration = read_configuration(path) if config or path.is_file() else ({}, {}, {})
     file_switches, file_choices, tables = found
     given_flags = (("profile", profile), ("device", device), ("dtype", dtype))
@@ -348,12 +344,6 @@ def _switch_problems(switches: Mapping[str, Any], places: Mapping[str, Place]) -
             yield Problem(places[key], "", f'"{value}"', "is no number format", suggestion(value, DTYPES))
         elif key == "profile" and value not in PROFILES:
             yield Problem(places[key], "", f'"{value}"', "is no profile", suggestion(value, PROFILES))
-
-
-def user_file() -> Path:
-    """The user's own configuration."""
-    home = os.environ.get("XDG_CONFIG_HOME")
-    return (Path(home) if home else Path.home() / ".config") / "physgen" / CONFIGURATION
 
 
 def read_configuration(path: Path) -> Configuration:

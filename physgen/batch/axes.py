@@ -6,8 +6,8 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from physgen.batch.values import EXAMPLES, Distribution, Value, ValueTextError, read_distribution, read_values
-from physgen.problems import InputError, Place, Problem
+from physgen.batch.values import EXAMPLES, Distribution, Value, read_distribution, read_values
+from physgen.problems import InputError, Place, Problem, RefusedError
 from physgen.scene.overlay import parse_key
 from physgen.text import KeyPath, quoted
 
@@ -60,7 +60,7 @@ def read_axes(arguments: Sequence[str]) -> tuple[Axis, ...]:
     for argument in arguments:
         try:
             axes.append(_read_axis(argument))
-        except ValueTextError as error:
+        except RefusedError as error:
             problems.append(Problem(Key("", argument).place, "", "", error.expected, error.fix))
     for n, later in enumerate(axes):
         for former in axes[:n]:
@@ -75,17 +75,17 @@ def read_axes(arguments: Sequence[str]) -> tuple[Axis, ...]:
 
 
 def _read_axis(argument: str) -> Axis:
-    """Raises ValueTextError."""
+    """Raises RefusedError."""
     key, equals, values = (part.strip() for part in argument.partition("="))
     if not equals:
-        raise ValueTextError("has no =", f"write KEY=VALUES, in quotes where it has spaces, e.g. {EXAMPLE}")
+        raise RefusedError("has no =", f"write KEY=VALUES, in quotes where it has spaces, e.g. {EXAMPLE}")
     if parse_key(key) is None:
         found = f"{quoted(key)} is not a dotted key" if key else "has no key"
-        raise ValueTextError(found, f"write e.g. {EXAMPLE}")
+        raise RefusedError(found, f"write e.g. {EXAMPLE}")
     if values.startswith("~"):
         return Drawn(key, argument, read_distribution(values))
     if (call := re.match(r"(\w+)\s*\(", values)) and call[1] in EXAMPLES:
-        raise ValueTextError("is text as it stands", f"a distribution begins with ~: {key}=~{values}")
+        raise RefusedError("is text as it stands", f"a distribution begins with ~: {key}=~{values}")
     return Listed(key, argument, read_values(values))
 
 

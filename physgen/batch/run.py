@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import traceback
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from collections.abc import Generator, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -18,7 +18,7 @@ from physgen.export.video import NO_ROOM
 from physgen.files import file_stamp, final_name
 from physgen.problems import InputError, Problem
 from physgen.registry import Plan, load_plan
-from physgen.report.clips import failure_of, remove_failure, write_failure
+from physgen.report.clips import remove_failure, write_failure
 from physgen.report.record import source_of
 from physgen.simulate.trajectory import read_trajectory
 from physgen.tables import Cell
@@ -118,15 +118,13 @@ class Done:
     """See `batch.outcomes.outcomes`."""
 
 
-def run_all(
-    jobs: Iterable[Job], workers: int, watch: Callable[[Job], pipeline.Progress]
-) -> Generator[Done, None, None]:
-    """Results in the order of the jobs, which are pulled as needed; `watch` shows the progress of one that runs here.
+def run_all(jobs: Iterable[Job], workers: int, progress: pipeline.Progress) -> Generator[Done, None, None]:
+    """Results in the order of the jobs, which are pulled as needed; `progress` is that of a job which runs here.
 
     A caller that stops early must close the generator, which ends the processes.
     """
     if workers <= 1:
-        yield from (run(job, watch(job)) for job in jobs)
+        yield from (run(job, progress) for job in jobs)
     else:
         from physgen.batch.workers import run_parallel
 
@@ -221,9 +219,5 @@ def record_failure(done: Done, out: Path, gallery: bool) -> None:
             remove_failure(out, job.name)
         elif gallery and Path(job.scene).is_file():  # neither a typo nor a pipe
             options = job.options
-            write_failure(
-                out,
-                failure_of(
-                    job.name, job.scene, options.variant, options.overrides, options.command, done.problems
-                ),
-            )
+            given = job.scene, options.variant, options.overrides, options.command
+            write_failure(out, job.name, *given, done.problems)

@@ -13,7 +13,7 @@ from typing import Any
 
 import yaml
 
-from physgen.problems import InputError
+from physgen.problems import InputError, RefusedError
 from physgen.scene.document import Source, plain, read
 from physgen.tables import Cell
 from physgen.text import listed, nearest, number, quoted
@@ -34,14 +34,6 @@ _RANGE = re.compile(r"[-+.\d][^:\s]*(?::[^:\s]*)+").fullmatch
 _DECIMAL = re.compile(r"[-+]?(?:\d{1,40}(?:\.\d{0,40})?|\.\d{1,40})(?:[eE][-+]?\d{1,3})?").fullmatch
 
 
-class ValueTextError(ValueError):
-    """Text that is no value; `expected` and `fix` become those of a Problem."""
-
-    def __init__(self, expected: str, fix: str) -> None:
-        super().__init__(expected)
-        self.expected, self.fix = expected, fix
-
-
 @dataclass(frozen=True)
 class Value:
     """One value of a key."""
@@ -60,7 +52,7 @@ class Value:
 def split(text: str) -> Iterator[tuple[str, bool]]:
     """Parts between commas that are outside brackets and quotes, and whether each is bare text.
 
-    Raises ValueTextError for what is no YAML.
+    Raises RefusedError for what is no YAML.
 
     >>> list(split("1, [2, 3],'a,b'"))
     [('1', True), ('[2, 3]', False), ("'a,b'", False)]
@@ -69,31 +61,31 @@ def split(text: str) -> Iterator[tuple[str, bool]]:
         root = yaml.compose(f"[{text}\n]", Loader=yaml.SafeLoader)
     except (yaml.YAMLError, RecursionError, ValueError):
         fix = "close brackets and quotes, and put text that holds such a character in quotes within quotes"
-        raise ValueTextError("is not YAML with commas between the values", fix) from None
+        raise RefusedError("is not YAML with commas between the values", fix) from None
     nodes = root.value if root is not None else []
     spans = [(node.start_mark.index - 1, node.end_mark.index - 1) for node in nodes]
     begins, ends = [begin for begin, _ in spans], [end for _, end in spans]
     if any("#" in text[begin:end] for begin, end in zip([0, *ends], [*begins, len(text)], strict=True)):
         fix = "put text that holds # in quotes within quotes"
-        raise ValueTextError("holds # after a space, which begins a comment", fix)
+        raise RefusedError("holds # after a space, which begins a comment", fix)
     for node, (begin, end) in zip(nodes, spans, strict=True):
         yield text[begin:end].strip(), isinstance(node, yaml.ScalarNode) and node.style is None
 
 
 def read_values(text: str) -> tuple[Value, ...]:
-    """Values and ranges between commas. Raises ValueTextError."""
+    """Values and ranges between commas. Raises RefusedError."""
     found: list[Value] = []
     for part, bare in split(text):
         if part.startswith("~"):
             fix = "write the distribution alone, or ~choice(...)"
-            raise ValueTextError("mixes values and a distribution", fix)
+            raise RefusedError("mixes values and a distribution", fix)
         found += _read_range(part) if bare and _RANGE(part) else [_read_value(part)]
     if not found:
-        raise ValueTextError("has no values", "write some, with commas between them; null takes a key away")
+        raise RefusedError("has no values", "write some, with commas between them; null takes a key away")
     seen: set[str] = set()
     for value in found:
         if (same := repr(value.data)) in seen:
-            raise ValueTextError(f"has {quoted(value.text, '')} twice", "keep one")
+            raise RefusedError(f"has {quoted(value.text, '')} twice", "keep one")
         seen.add(same)
     return tuple(found)
 
@@ -103,7 +95,7 @@ def _read_value(text: str) -> Value:
         return parse_yaml(text)
     except InputError as error:
         problem = error.problems[0]
-        raise ValueTextError(f"{quoted(text)}: {problem.found} {problem.expected}", problem.fix) from None
+        raise RefusedError(f"{quoted(text)}: {problem.found} {problem.expected}", problem.fix) from None
 
 
 def parse_yaml(text: str) -> Value:
@@ -117,24 +109,24 @@ def number_value(data: int | float) -> Value:
 
 
 def _read_range(text: str) -> list[Value]:
-    """The numbers of `start:end:count[:log]`; computed exactly, so that 0:1:11 holds 0.3. Raises ValueTextError."""
+    """The numbers of `start:end:count[:log]`; computed exactly, so that 0:1:11 holds 0.3. Raises RefusedError."""
     parts = text.split(":")
     fix = "write e.g. 0.1:0.9:5, or 1:1000:4:log; text goes in quotes within quotes"
     if len(parts) not in (3, 4) or not all(map(_DECIMAL, parts[:2])) or parts[3:] not in ([], ["log"]):
-        raise ValueTextError("is not start:end:count", fix)
+        raise RefusedError("is not start:end:count", fix)
     count = int(parts[2]) if re.fullmatch("[0-9]{1,18}", parts[2]) else 0
     if not 2 <= count <= MAX_COUNT:
-        raise ValueTextError(f"has no count from 2 to {MAX_COUNT:,} behind its ends", fix)
+        raise RefusedError(f"has no count from 2 to {MAX_COUNT:,} behind its ends", fix)
     begin, end = map(Fraction, parts[:2])
     if begin == end:
-        raise ValueTextError("ends where it begins", f"write {parts[0]} alone, or another end")
+        raise RefusedError("ends where it begins", f"write {parts[0]} alone, or another end")
     if not parts[3:]:
         exact = [begin + (end - begin) * Fraction(k, count - 1) for k in range(count)]
     elif begin * end > 0:
         inner = (_log_between(float(begin), float(end), k / (count - 1)) for k in range(1, count - 1))
         exact = [begin, *map(Fraction, inner), end]
     else:
-        raise ValueTextError(NO_LOGARITHM, "take both above 0, or both below")
+        raise RefusedError(NO_LOGARITHM, "take both above 0, or both below")
     return [
         number_value(int(value) if value.denominator == 1 and abs(value) < EXACT_INT else float(value))
         for value in exact
@@ -173,13 +165,13 @@ class Distribution:
 
 
 def read_distribution(text: str) -> Distribution:
-    """Parses `~NAME(...)`. Raises ValueTextError."""
+    """Parses `~NAME(...)`. Raises RefusedError."""
     call = _CALL(text)
     name = call[1].lower() if call else ""
     if call is None or name not in EXAMPLES:
         close = nearest(name, EXAMPLES)
         fix = f"did you mean {EXAMPLES[close]}?" if close else f"write {listed(EXAMPLES.values())}"
-        raise ValueTextError(f"names no {'known ' * bool(name)}distribution", fix)
+        raise RefusedError(f"names no {'known ' * bool(name)}distribution", fix)
     parts = [part for part, _ in split(call[2] or "")]
     if name == "choice":
         found = Distribution(name, values=tuple(map(_read_value, parts)))
@@ -188,7 +180,7 @@ def read_distribution(text: str) -> Distribution:
         found = Distribution(name, tuple(float(part) for part in parts if _DECIMAL(part)))
         fault = _fault(found, len(parts))
     if fault:
-        raise ValueTextError(fault, f"write e.g. {EXAMPLES[name]}")
+        raise RefusedError(fault, f"write e.g. {EXAMPLES[name]}")
     return found
 
 

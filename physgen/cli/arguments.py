@@ -175,11 +175,6 @@ def names(text: str) -> list[str]:
     return list(dict.fromkeys(name for part in text.split(",") if (name := part.strip())))
 
 
-def labels(text: str) -> tuple[str, ...]:
-    """`flo,coco` -> names of formats, which are checked later."""
-    return tuple(names(text))
-
-
 def among(known: Sequence[str]) -> Callable[[str], list[str]]:
     """A reader of `a,b` where each name is one of `known`."""
 

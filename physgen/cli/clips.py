@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections import Counter as Counts
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import replace
 from functools import lru_cache
@@ -13,7 +13,7 @@ from pathlib import Path
 from textwrap import indent
 from typing import TYPE_CHECKING, Any
 
-from physgen.cli.arguments import FORMATS, WRONG_INPUT, Parser, among, count, draws, labels, seed
+from physgen.cli.arguments import FORMATS, WRONG_INPUT, Parser, among, count, draws, names, seed
 from physgen.cli.output import FAILED, OK, Bar, print_backup, print_error, print_line
 from physgen.problems import InputError
 
@@ -100,7 +100,9 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
 
     page = pipeline.Page(options.report or ("none" if options.preview else "full"))
     if options.export:
-        check_formats(options.export, "--export")
+        from physgen.export.formats import chosen_formats
+
+        chosen_formats(options.export, "--export")
     refiner, overrides = _refining(options)
     models = {"refine": options.refine, "config": options.config}
     common = RenderOptions(
@@ -174,13 +176,6 @@ def check_names(jobs: list[Job]) -> None:
         raise InputError(problems)
 
 
-def check_formats(formats: Sequence[str], flag: str) -> None:
-    """Raises InputError for an unknown format."""
-    from physgen.export.formats import chosen_formats
-
-    chosen_formats(formats, flag)
-
-
 class Tally:
     """How many clips ended how, and which warnings were printed."""
 
@@ -224,7 +219,7 @@ def make_all(
 
     `on_done` is called after each job; `finish` is called at the end, and returns the files to print.
     """
-    from physgen.batch.run import record_failure
+    from physgen.batch.run import record_failure, run_all
     from physgen.report.folders import cleaned_up
 
     out = Path(options.output)
@@ -236,7 +231,7 @@ def make_all(
         jobs = (replace(job, pictures=True) for job in jobs)
     tally, bar = Tally(), Bar()
     _announce(bar, 1, count)
-    with cleaned_up(out), closing(_made(jobs, count, options, bar)) as done_ones:
+    with cleaned_up(out), closing(run_all(jobs, min(options.jobs, count), bar.show)) as done_ones:
         for done in done_ones:
             bar.clear()
             if done.disk_full:  # every further clip would fail the same way
@@ -265,14 +260,6 @@ def _announce(bar: Bar, number: int, count: int) -> None:
     if 1 < count >= number:
         bar.prefix = f"clip {number:,} of {count:,}: "
         bar.write(bar.prefix)
-
-
-def _made(
-    jobs: Iterable[Job], count: int, options: argparse.Namespace, bar: Bar
-) -> Generator[Done, None, None]:
-    from physgen.batch.run import run_all
-
-    return run_all(jobs, min(options.jobs, count), lambda job: bar.show)
 
 
 def _print_done(done: Done, as_json: bool) -> None:
@@ -363,7 +350,7 @@ def add_clips(parser: Parser) -> None:
     about = "full (the default), or none"
     parser.add_argument("--report", choices=REPORTS, help=about)
     about = "ground truth beside the clip, in truth/: any of the formats of physgen export"
-    parser.option("--export", "LIST", labels, about, ())
+    parser.option("--export", "LIST", names, about, ())
     parser.flag("--preview", "a quick look: at most 24 frames of the photo's size, without a report")
     parser.flag("--no-cache", "render existing clips again")
     parser.flag("--json", "print a line of JSON for each clip, and one at the end")

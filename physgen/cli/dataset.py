@@ -5,16 +5,11 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from physgen.cli.arguments import WRONG_INPUT, Command, Parser, seed
 from physgen.cli.output import OK, print_error, print_line, print_problem
 from physgen.problems import Place, Problem, Severity
 from physgen.text import counted
-
-if TYPE_CHECKING:
-    from physgen.batch.dataset import DatasetSummary
-
 
 INTERVAL = 10_000
 """Clips between two lines of progress."""
@@ -41,7 +36,12 @@ def dataset(options: argparse.Namespace) -> int:
     done = gather(options.folders, options.output, splits, warn, progress)
     if warnings > MAX_WARNINGS:
         print_error(f"... and {warnings - MAX_WARNINGS:,} more that cannot be used")
-    _warn_of_empty_splits(done, options.output)
+    if empty := [name for name, count in done.counts.items() if not count]:
+        photos = len(done.photos)
+        there = "there is 1 photo" if photos == 1 else f"there are {photos:,} photos"
+        fix = "splits are by photo: take more photos, another --seed, or other shares with --split"
+        expected = f"has no clip in {', '.join(empty)}: {there}"
+        print_problem(Problem(Place(str(options.output)), "", "", expected, fix, Severity.WARNING))
     if options.json:
         line = {"dataset": str(options.output), "clips": done.counts, "left_out": done.left_out}
         print_line(json.dumps({**line, "files": [str(path) for path in done.files]}))
@@ -51,15 +51,6 @@ def dataset(options: argparse.Namespace) -> int:
         split = ", ".join(f"{name} {count:,}" for name, count in done.counts.items())
         print_error(f"{counted(done.total, 'clip')}: {split}")
     return WRONG_INPUT if done.left_out else OK
-
-
-def _warn_of_empty_splits(done: DatasetSummary, output: Path) -> None:
-    if empty := [name for name, count in done.counts.items() if not count]:
-        photos = len(done.photos)
-        there = "there is 1 photo" if photos == 1 else f"there are {photos:,} photos"
-        fix = "splits are by photo: take more photos, another --seed, or other shares with --split"
-        expected = f"has no clip in {', '.join(empty)}: {there}"
-        print_problem(Problem(Place(str(output)), "", "", expected, fix, Severity.WARNING))
 
 
 def add(parser: Parser) -> None:

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from physgen.cli.arguments import Command, Parser, count, seed, whole
 from physgen.cli.output import (
@@ -183,10 +183,8 @@ VIDEOS = 15
 
 
 def run_study(options: argparse.Namespace) -> int:
-    return _read_study(options) if options.key else _make_study(options)
-
-
-def _make_study(options: argparse.Namespace) -> int:
+    if options.key:
+        return _read_study(options)
     from physgen.evaluate.study import check_page, make, methods_in, write_study
 
     if any(path.suffix == ".json" for path in options.paths):
@@ -264,10 +262,10 @@ MEASURES = (
 )
 
 
-def measures(subparsers: argparse._SubParsersAction[Parser]) -> None:
-    """Add one parser a measure."""
+def add(parser: Parser) -> None:
+    kinds: Any = parser.add_subparsers(title="measures", metavar="MEASURE", dest="what", required=True)
     for measure in MEASURES:
-        sub = subparsers.add_parser(
+        sub = kinds.add_parser(
             measure.name,
             help=measure.about,
             description=measure.about,
@@ -280,3 +278,12 @@ def measures(subparsers: argparse._SubParsersAction[Parser]) -> None:
 def evaluate(options: argparse.Namespace) -> int:
     """Run the measure that was chosen."""
     return next(measure for measure in MEASURES if measure.name == options.what).run(options)
+
+
+EVALUATE = Command(
+    "evaluate",
+    "Measures photos, clips and answers of raters against a truth or a reference of yours.",
+    "physgen evaluate segmentation photos",
+    add,
+    evaluate,
+)

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import argparse
 
-from physgen.cli.arguments import Command, Parser, count, labels
-from physgen.cli.clips import add_overlays, check_formats, check_names, make_all, variants_of
+from physgen.cli.arguments import Command, Parser, count, names
+from physgen.cli.clips import add_overlays, check_names, make_all, variants_of
 
 
 def export(options: argparse.Namespace) -> int:
     from physgen.batch.run import Job
+    from physgen.export.formats import chosen_formats
     from physgen.pipeline import Page, RenderOptions
 
-    check_formats(options.format, "--format")
+    chosen_formats(options.format)
     jobs = [
         Job(
             path,
@@ -44,7 +45,7 @@ NAMES = (
 def add(parser: Parser) -> None:
     parser.add_argument("scenes", metavar="SCENE", nargs="+")
     about = f"any of {','.join(NAMES)}; see docs/labels.md"
-    parser.option("--format", "LIST", labels, about, required=True)
+    parser.option("--format", "LIST", names, about, required=True)
     parser.option("-o --output", "DIR", str, "default: labels", "labels")
     parser.option("--jobs", "N", count, "scenes at a time; default: 1", 1)
     parser.flag("--no-cache", "simulate again, and overwrite existing labels")

@@ -10,7 +10,6 @@ import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from errno import ENAMETOOLONG
-from typing import Any
 
 from physgen import __version__
 from physgen.cli import (
@@ -101,15 +100,6 @@ def build_parser() -> Parser:
     return parser
 
 
-def add_evaluate(parser: Parser) -> None:
-    kinds: Any = parser.add_subparsers(title="measures", metavar="MEASURE", dest="what", required=True)
-    evaluate.measures(kinds)
-
-
-def add_schema(parser: Parser) -> None:
-    """`schema` has no flags."""
-
-
 def schema(options: argparse.Namespace) -> int:
     from physgen.files import resource
 
@@ -117,18 +107,11 @@ def schema(options: argparse.Namespace) -> int:
     return OK
 
 
-EVALUATE = Command(
-    "evaluate",
-    "Measures photos, clips and answers of raters against a truth or a reference of yours.",
-    "physgen evaluate segmentation photos",
-    add_evaluate,
-    evaluate.evaluate,
-)
 SCHEMA = Command(
     "schema",
     "Prints the JSON Schema of scene files.",
     "physgen schema > scene.schema.json",
-    add_schema,
+    lambda parser: None,
     schema,
 )
 COMMANDS = {
@@ -146,7 +129,7 @@ COMMANDS = {
         export.EXPORT,
         dataset.DATASET,
         gallery.GALLERY,
-        EVALUATE,
+        evaluate.EVALUATE,
         verify.VERIFY,
         perceive.BACKENDS,
         SCHEMA,

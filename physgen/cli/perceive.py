@@ -34,7 +34,7 @@ def perceive(options: argparse.Namespace) -> int:
         "labels": options.label,
         "asked": options.find,
         "assets": options.assets,
-        "crew": _crew(_plan(options)),
+        "crew": crew_of(options),
         "progress": bar.show,
         "warn": print_problem,
         "keep": print_backup,
@@ -75,7 +75,7 @@ def _perceive_many(options: argparse.Namespace) -> int:
     wrong += [("perceive", f'"{name}"', "is the name of two photos", "rename one") for name in twins]
     if wrong:
         raise InputError(Problem(Place(file), "", found, what, fix) for file, found, what, fix in wrong)
-    crew = _crew(replace(_plan(options), keep=True))
+    crew = crew_of(options, keep=True)
     failed: list[Problem] = []
     bar = Bar()
     for k, image in enumerate(options.image):
@@ -106,17 +106,12 @@ def _names(images: Sequence[Path]) -> list[str]:
     return folders if len(set(stems)) == 1 < len(stems) == len(set(folders)) else stems
 
 
-def crew_of(options: argparse.Namespace) -> Backends:
-    """The backends that the flags choose for one photo."""
-    return _crew(_plan(options))
-
-
-def _crew(plan: Plan) -> Backends:
-    """The backends of a plan that perceive; one that refines videos is not loaded."""
+def crew_of(options: argparse.Namespace, *, keep: bool = False) -> Backends:
+    """The backends that the flags choose to perceive, kept for further photos or not; those that refine stay out."""
     from physgen.perceive.perceive import ROLES
     from physgen.registry import Backends
 
-    return Backends(plan.of(ROLES))
+    return Backends(replace(_plan(options), keep=keep).of(ROLES))
 
 
 def _plan(options: argparse.Namespace) -> Plan:

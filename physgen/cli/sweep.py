@@ -31,19 +31,14 @@ def sweep(options: argparse.Namespace) -> int:
     from physgen.batch.sweep import check_values, planned
     from physgen.scene.load import Opened
 
-    _scene_first(options)
+    if "=" in options.scene and not Path(options.scene).exists():
+        fix = "the scene comes first: physgen sweep scene.yaml KEY=VALUES"
+        raise InputError.of(options.scene, "", "is no scene file", fix)
     opened = Opened(Path(options.scene), options.allow_outside)
     variants = [None, *opened.variants] if options.variant == "all" else [options.variant]
     plan = planned(read_axes(options.axes), variants, options.samples, options.seed)
     objects = check_values(plan, opened, options.set)
     return _listed(plan, options) if options.dry_run else _made(plan, objects, options)
-
-
-def _scene_first(options: argparse.Namespace) -> None:
-    """Refuses `sweep KEY=VALUES scene.yaml`."""
-    if "=" in options.scene and not Path(options.scene).exists():
-        fix = "the scene comes first: physgen sweep scene.yaml KEY=VALUES"
-        raise InputError.of(options.scene, "", "is no scene file", fix)
 
 
 def _listed(plan: Sweep, options: argparse.Namespace) -> int:

@@ -8,28 +8,24 @@ from collections import Counter
 from contextlib import closing
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from physgen.cli.arguments import WRONG_INPUT, Command, Parser, count
 from physgen.cli.output import FAILED, OK, Bar, print_error, print_line
 
-if TYPE_CHECKING:
-    from physgen.batch.verify import Verdict, VerifyRequest
-
 
 def verify(options: argparse.Namespace) -> int:
+    from physgen.batch import verify as batch
     from physgen.batch.clips import clip_folders
-    from physgen.batch.verify import Outcome, VerifyRequest, failed
-    from physgen.batch.verify import verify as run
+    from physgen.batch.verify import Outcome, VerifyRequest
     from physgen.batch.workers import run_parallel
 
     folders = clip_folders(options.folders)
     requests = [VerifyRequest(folder, options.scene, options.allow_outside) for folder in folders]
     many = len(requests) > 1
     bar = Bar()
-    work = run if many else partial(_watched, bar=bar)
+    work = batch.verify if many else partial(batch.verify, progress=bar.show)
     counts: Counter[Outcome] = Counter()
-    with closing(run_parallel(work, requests, min(options.jobs, len(requests)), failed)) as verdicts:
+    with closing(run_parallel(work, requests, min(options.jobs, len(requests)), batch.failed)) as verdicts:
         for verdict in verdicts:
             bar.clear()
             counts[verdict.outcome] += 1
@@ -46,12 +42,6 @@ def verify(options: argparse.Namespace) -> int:
         parts = [f"{counts[outcome]} {outcome.value}" for outcome in Outcome if counts[outcome]]
         print_error(f"{len(requests):,} clips: {', '.join(parts)}")
     return code
-
-
-def _watched(request: VerifyRequest, bar: Bar) -> Verdict:
-    from physgen.batch.verify import verify as run
-
-    return run(request, bar.show)
 
 
 def add(parser: Parser) -> None:

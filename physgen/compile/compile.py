@@ -13,8 +13,9 @@ from physgen.compile.shapes import U16, Shapes, shapes_of, snapped_to_boundaries
 from physgen.compile.world import Body, Field, Joint, Push, World, placed_outline, rest_pose, surface
 from physgen.geometry.convex import convex_pieces
 from physgen.geometry.polygon import Array, Disc, Outline, mass_properties, mean_distance
-from physgen.problems import InputError, Limit, Problem, Severity
+from physgen.problems import InputError, Limit, Problem
 from physgen.scene import scene as model
+from physgen.scene.load import EARTH
 from physgen.scene.scene import Auto, Load, Motion, Object, Scene, Solid, View
 
 
@@ -98,14 +99,14 @@ def mass_problems(scene: Scene, bodies: Sequence[Body]) -> Iterator[Problem]:
             path = mass_path(scene, body.name)
             expected = f"and a moment of inertia of {body.moment:.2g} g·px² cannot be simulated"
             fix = "make it heavier or larger" if body.moment < 1 else "make it lighter or smaller"
-            yield Problem(scene.place(path), path, grams(body.mass), expected, fix)
+            yield Problem(scene.place(path), path, f"{body.mass:.4g} g", expected, fix)
     if not sound or not dynamic:
         return
     light = min(dynamic, key=lambda body: body.mass)
     heavy = max(dynamic, key=lambda body: body.mass)
     if heavy.mass >= FARTHEST * light.mass:
         path = mass_path(scene, light.name)
-        found = f"{grams(light.mass)}, and {grams(heavy.mass)} of {heavy.name}:"
+        found = f"{light.mass:.4g} g, and {heavy.mass:.4g} g of {heavy.name}:"
         expected = "masses 10^9 apart or more cannot be simulated together"
         yield Problem(scene.place(path), path, found, expected, "bring them nearer")
 
@@ -116,11 +117,6 @@ def mass_path(scene: Scene, name: str) -> str:
     return f"objects.{name}.{'mass' if item.mass is not None else 'density'}"
 
 
-def grams(mass: float) -> str:
-    """A mass as messages show it."""
-    return f"{mass:.4g} g"
-
-
 def _usable(value: float) -> bool:
     """Whether products of two such numbers, and of what one divided by them is, are floats."""
     return LEAST < value < 1 / LEAST
@@ -128,10 +124,6 @@ def _usable(value: float) -> bool:
 
 INERTIA = {Solid.SPHERE: 2 / 5, Solid.DISC: 1 / 2, Solid.HOOP: 1.0}
 """k of I = k m r² about an axis through the centre; any mechanics text."""
-
-
-EARTH = 9.8
-"""m/s²."""
 
 
 @dataclass(frozen=True)
@@ -152,10 +144,6 @@ class Compiled:
     def scenery(self) -> NDArray[np.bool_]:
         """(H, W): pixels that show a boundary; they stay in the picture."""
         return self.shapes.fits.scenery
-
-
-class PathError(Exception):
-    """A scripted motion that does not begin where its object is."""
 
 
 def compile_scene(scene: Scene, labels: U16 | None) -> Compiled:
@@ -180,10 +168,8 @@ def compile_shapes(scene: Scene, shapes: Shapes) -> Compiled:
     for item, outline, before in zip(scene.objects, outlines, shown, strict=True):
         try:
             bodies.append(replace(_body(item, outline, scene), rest=rest_pose(before, item, scene)))
-        except PathError as error:
-            path = f"objects.{item.name}.motion.path"
-            expected, _, fix = str(error).partition("; ")
-            problems.append(Problem(scene.place(path), path, "the first knot", expected, fix))
+        except InputError as error:
+            problems += error.problems
         except ValueError as error:
             path = f"objects.{item.name}.shape"
             problems.append(
@@ -247,7 +233,7 @@ def _body(item: Object, outline: Outline, scene: Scene) -> Body:
         radius = None
         moment = mass * properties.second / properties.area
         pieces = tuple(piece - center for piece in convex_pieces(outline))
-        rings = tuple(ring - center for r in outline.rings for ring in (r.outer, *r.holes))
+        rings = tuple(ring - center for ring, _ in outline.borders)
     moving = item.motion is Motion.DYNAMIC
     # a stored shape's solid is that of a circle, which a mask that was painted over may no longer be
     stored = isinstance(item.shape, Auto) and item.shape.stored is not None
@@ -268,7 +254,7 @@ def _body(item: Object, outline: Outline, scene: Scene) -> Body:
         roll=_roll(item, radius, scene.world.view),
         velocity=np.array(item.velocity if moving else (0.0, 0.0), np.float64),
         spin=radians(item.spin) if moving else 0.0,
-        path=_path(item, center),
+        path=_path(item, center, scene),
     )
 
 
@@ -282,14 +268,16 @@ def _roll(item: Object, radius: float | None, view: View) -> Array:
     return np.radians(np.array(item.roll, np.float64))
 
 
-def _path(item: Object, center: Array) -> Array:
-    """(K, 4): s, x px, y px, rad; starts where the shape is."""
+def _path(item: Object, center: Array, scene: Scene) -> Array:
+    """(K, 4): s, x px, y px, rad. Raises InputError where it does not start where the shape is."""
     path = np.array([(w.time, *w.position, radians(w.angle)) for w in item.path], np.float64).reshape(-1, 4)
     if len(path):
         off = path[0, 1:3] - center
         if np.hypot(*off) > 0.5 or path[0, 3] != 0:
-            x, y = center
-            raise PathError(f"is not where the object is; begin with [{path[0, 0]:g}, {x:.2f}, {y:.2f}]")
+            (x, y), key = center, f"objects.{item.name}.motion.path"
+            fix = f"begin with [{path[0, 0]:g}, {x:.2f}, {y:.2f}]"
+            expected = "is not where the object is"
+            raise InputError([Problem(scene.place(key), key, "the first knot", expected, fix)])
         path[:, 1:3] -= off
     return path
 
@@ -299,8 +287,3 @@ def _circle(radius: float) -> Array:
     count = int(np.clip(np.ceil(np.pi / np.arccos(max(0.0, 1 - 0.05 / max(radius, 0.1)))), 12, 360))
     angle = np.arange(count) * (2 * np.pi / count)
     return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-
-
-def warning(scene: Scene, path: str, found: str, expected: str, fix: str) -> Problem:
-    """A Problem that stops nothing, at the place where `path` was written."""
-    return Problem(scene.place(path), path, found, expected, fix, Severity.WARNING)

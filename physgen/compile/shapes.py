@@ -36,6 +36,7 @@ from physgen.scene.scene import (
 )
 
 U16 = NDArray[np.uint16]
+PixelMask = NDArray[np.bool_]
 
 
 def object_labels(scene: Scene, labels: U16 | None, written: list[Outline | None]) -> U16:
@@ -51,11 +52,9 @@ def object_labels(scene: Scene, labels: U16 | None, written: list[Outline | None
         mask = mask_pixels(item.mask, scene.size, labels)
         if mask is not None:
             out[mask] = k + 1
-            if not mask.any():
-                problems.append(empty_mask_problem(scene, f"objects.{item.name}", item))
-        elif outline is None:
-            problems.append(unreadable_mask_problem(scene, f"objects.{item.name}", item))
-        elif outline is not None:
+        if (mask is None and outline is None) or (mask is not None and not mask.any()):
+            problems.append(_mask_problem(scene, f"objects.{item.name}.mask", item, mask))
+        elif mask is None and outline is not None:
             box, (x0, y0) = coverage_box(outline, (0, 0, width, height))
             out[y0 : y0 + box.shape[0], x0 : x0 + box.shape[1]][box >= 0.5] = k + 1
     shown = np.bincount(out.ravel(), minlength=len(scene.objects) + 1)
@@ -89,29 +88,20 @@ def fill_polygon(points: Points, size: tuple[int, int]) -> NDArray[np.bool_]:
     return canvas > 0
 
 
-def empty_mask_problem(scene: Scene, path: str, item: Object | Boundary) -> Problem:
-    """The mask of the object at `path` has no pixel."""
-    path = f"{path}.mask"
+def _mask_problem(scene: Scene, path: str, item: Object | Boundary, mask: PixelMask | None) -> Problem:
+    """The mask at `path` has no pixel; None: it is an id, and the scene has no photo."""
     found = str(item.mask.id) if isinstance(item.mask, MaskId) else "it"
-    fix = "write an id that masks.png holds, or an outline inside the photo"
-    return Problem(scene.place(path), path, found, "covers no pixel", fix)
-
-
-def unreadable_mask_problem(scene: Scene, path: str, item: Object | Boundary) -> Problem:
-    """The mask of the object at `path` is an id, and the scene has no photo."""
-    path = f"{path}.mask"
-    found = str(item.mask.id) if isinstance(item.mask, MaskId) else "it"
-    expected = "is an id, and masks.png is read beside a photo only"
-    return Problem(scene.place(path), path, found, expected, "write image: photo.png, or an outline")
+    expected, fix = "covers no pixel", "write an id that masks.png holds, or an outline inside the photo"
+    if mask is None:
+        expected = "is an id, and masks.png is read beside a photo only"
+        fix = "write image: photo.png, or an outline"
+    return Problem(scene.place(path), path, found, expected, fix)
 
 
 def _hidden(scene: Scene, item: Object) -> Problem:
     path = f"objects.{item.name}.mask"
     fix = "write its shape, or give it a layer in front of theirs"
     return Problem(scene.place(path), path, item.name, "is hidden behind the masks of others", fix)
-
-
-PixelMask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -142,8 +132,7 @@ def fit_masks(scene: Scene, labels: U16 | None, of_objects: U16, fitted: list[in
             continue
         mask = mask_pixels(item.mask, scene.size, labels)
         if mask is None or not mask.any():
-            why = unreadable_mask_problem if mask is None else empty_mask_problem
-            problems.append(why(scene, f"boundaries.{item.name}", item))
+            problems.append(_mask_problem(scene, f"boundaries.{item.name}.mask", item, mask))
             continue
         scenery |= mask
         if together[mask].any():
@@ -165,8 +154,7 @@ def walls_of(scene: Scene, regions: dict[int, Region]) -> tuple[Wall, ...]:
     def chains(k: int, item: Boundary) -> tuple[Array, ...]:
         if k not in regions:
             return (np.array(item.points, np.float64),)
-        rings = (points for ring in regions[k].rings for points in (ring.outer, *ring.holes))
-        return tuple(np.concatenate([points, points[:1]]) for points in rings)
+        return tuple(np.concatenate([points, points[:1]]) for points, _ in regions[k].borders)
 
     return tuple(
         Wall(item.name, chains(k, item), surface(item.friction, item.elasticity, scene.world.combine))

@@ -11,12 +11,12 @@ import shapely
 from numpy.typing import NDArray
 from shapely.affinity import translate
 
-from physgen.compile.compile import Compiled, warning
+from physgen.compile.compile import Compiled
 from physgen.compile.shapes import U16
 from physgen.geometry.convex import outline_shape, overlap_depth
 from physgen.geometry.raster import coverage_box
 from physgen.maps import U8, Percepts
-from physgen.problems import Problem, by_place
+from physgen.problems import Problem, Severity, by_place
 from physgen.scene.files import equal
 from physgen.scene.scene import Motion, Scene, Solid, View, held
 from physgen.text import quoted
@@ -64,6 +64,11 @@ def lint(scene: Scene, compiled: Compiled, maps: Percepts | None = None) -> list
     rules = (_overlaps, _unsupported, _without_effect, _missed_masks, _views, _followed, _long)
     found = [problem for rule in rules for problem in rule(scene, compiled)]
     return by_place([*found, *photo_differs(scene, compiled, maps), *_doubtful(scene, maps)])
+
+
+def warning(scene: Scene, path: str, found: str, expected: str, fix: str) -> Problem:
+    """A Problem that stops nothing, at the place where `path` was written."""
+    return Problem(scene.place(path), path, found, expected, fix, Severity.WARNING)
 
 
 def _without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import radians, sqrt
+from typing import Generic, TypeVar
 
 import numpy as np
 import shapely
@@ -229,36 +230,29 @@ TABLE = "the table"
 """How the table pairs are called; two words, so that nothing in a scene has that name."""
 
 
+Names = TypeVar("Names")
+
+
 @dataclass(frozen=True)
-class Pair:
+class Pairing(Generic[Names]):
     """What holds between two groups of objects with equal surfaces."""
 
-    first: str
-    second: str
+    first: Names
+    second: Names
     friction: float
     elasticity: float
 
 
-@dataclass(frozen=True)
-class Pairing:
-    """The same, with everybody's name."""
-
-    first: tuple[str, ...]
-    second: tuple[str, ...]
-    friction: float
-    elasticity: float
-
-
-def pair_table(world: World) -> list[Pair]:
+def pair_table(world: World) -> list[Pairing[str]]:
     """The pair coefficients in use, as they are shown; see `pairings`."""
-    return [Pair(_names(p.first), _names(p.second), p.friction, p.elasticity) for p in pairings(world)]
+    return [Pairing(_names(p.first), _names(p.second), p.friction, p.elasticity) for p in pairings(world)]
 
 
-def pairings(world: World) -> list[Pairing]:
+def pairings(world: World) -> list[Pairing[list[str]]]:
     """The pair coefficients in use; objects with equal surfaces share one. Seen from above, so does the table."""
     groups: dict[Surface, list[str]] = {}
     movable = len(world.bodies)
-    pairs = []
+    pairs: list[Pairing[list[str]]] = []
     for name, its in world.surfaces[:movable]:
         groups.setdefault(its, []).append(name)
     walls: dict[Surface, list[str]] = {}
@@ -268,17 +262,10 @@ def pairings(world: World) -> list[Pairing]:
         walls.setdefault(world.table, []).append(TABLE)
     rows = list(groups.items())
     for i, (a, first) in enumerate(rows):
-        for b, second in rows[i:]:
-            if a is b and len(first) == 1:
-                continue
-            pairs.append(_pairing(first, second, a, b))
-        for b, second in walls.items():
-            pairs.append(_pairing(first, second, a, b))
+        for b, second in (*rows[i:], *walls.items()):
+            if second is not first or len(first) > 1:
+                pairs.append(Pairing(first, second, a.friction * b.friction, a.elasticity * b.elasticity))
     return pairs
-
-
-def _pairing(first: Sequence[str], second: Sequence[str], a: Surface, b: Surface) -> Pairing:
-    return Pairing(tuple(first), tuple(second), a.friction * b.friction, a.elasticity * b.elasticity)
 
 
 def _names(names: Sequence[str]) -> str:

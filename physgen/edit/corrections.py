@@ -14,7 +14,6 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,13 +21,22 @@ from physgen import registry
 from physgen.compile.shapes import U16, mask_crc, snapped_to_boundaries
 from physgen.edit.live import Live
 from physgen.edit.masks import PromptSegmenter, count, make, parse_op
-from physgen.edit.object_entries import Correction, Data, Mask, begin, changed_entry, joined_mass, written
+from physgen.edit.object_entries import (
+    Correction,
+    Data,
+    Mask,
+    begin,
+    changed_entry,
+    joined_mass,
+    table_keys,
+    written,
+)
 from physgen.edit.operations import edited
 from physgen.files import write_atomic
 from physgen.geometry.fitting import fit_outlines
 from physgen.geometry.polygon import translated_outline
 from physgen.geometry.scale import photo_object
-from physgen.maps import U8, Percepts
+from physgen.maps import U8, Percepts, png_bytes
 from physgen.perceive import document
 from physgen.perceive.inpaint.poisson import dilate
 from physgen.perceive.roles import SMALLEST_OBJECT, BoundaryGuess, PhotoObject
@@ -229,7 +237,8 @@ def _entry(work: Correction, name: str, one: PhotoObject, labels: U16) -> Data:
         return dict(work.entries[name]) | {"shape": document.shape_entry(one.outline)}
     source = name if name in work.masks else next(iter(work.masks))
     made = changed_entry(work, source, name, one, labels)
-    if work.has_own_mass(source):
+    written_as = work.was(source)
+    if "mass" in written_as and "mass" not in table_keys(written_as):  # a mass that is not the table's
         if work.gone is not None:
             made["mass"] = float(f"{joined_mass(work, source, work.gone):.4g}")
         elif work.fresh:
@@ -304,11 +313,7 @@ def _window(mask: Mask) -> Window:
 
 def _write_map(path: Path, picture: U8 | U16) -> None:
     """(H, W) or (H, W, 3) RGB, whole or not at all; what another name links to stays as it is."""
-    bgr = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
-    level = 1 if picture.shape[0] * picture.shape[1] > LARGE else 4
-    done, data = cv2.imencode(".png", np.ascontiguousarray(bgr), [cv2.IMWRITE_PNG_COMPRESSION, level])
-    assert done
-    write_atomic(path, data.tobytes())
+    write_atomic(path, png_bytes(picture, 1 if picture.shape[0] * picture.shape[1] > LARGE else 4))
 
 
 def _patch(path: Path, part: Window, where: Mask, values: NDArray[Any], *, signed: bool = False) -> None:

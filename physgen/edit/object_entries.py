@@ -79,10 +79,6 @@ class Correction:
         outline = self.sight.compiled.shapes.outlines[k]
         return photo_object(k + 1, outline, self.scene.objects[k].label, self.scene.size)
 
-    def has_own_mass(self, name: str) -> bool:
-        """Whether an object has a mass that is not the table's."""
-        return "mass" in self.was(name) and "mass" not in table_keys(self.was(name))
-
 
 def begin(live: Live, text: str) -> Correction:
     """A correction of a text begins. Raises EditError where the text is wrong, or shows no photo."""

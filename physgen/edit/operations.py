@@ -20,7 +20,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, JsonValue, T
 from physgen.problems import InputError, impossible
 from physgen.scene import yaml_edit
 from physgen.scene.document import Node, Source, plain
-from physgen.scene.overlay import SEALED, Edit, apply, kind_of, parse_key, rivals
+from physgen.scene.overlay import NAMED, SEALED, Edit, apply, kind_of, parse_key, rivals
 from physgen.scene.schema import published, schema_at
 from physgen.scene.yaml_edit import marked, same
 from physgen.text import KeyPath, dotted
@@ -29,15 +29,9 @@ Data = dict[str, Any]
 
 EXACT_DIGITS = 15
 """Digits from which on a number is an arithmetic result, and is rounded to 6."""
-NAMED = ("objects", "boundaries", "joints", "fields", "variants")
-"""Sections whose keys are names."""
 
-
-class _Absent:
-    """No value, as opposed to null."""
-
-
-ABSENT = _Absent()
+ABSENT = object()
+"""No value, as opposed to null."""
 _NOWHERE = Source("", File())
 
 

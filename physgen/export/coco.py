@@ -24,7 +24,7 @@ class Coco(Writer):
     """`annotations.json`, and `images/00000.jpg` ..., which it names."""
 
     def __init__(self, folder: Path, clip: Clip) -> None:
-        self._folder, self._clip = folder, clip
+        super().__init__(folder, clip)
         self._file = folder / "annotations.json"
         self._images: list[str] = []
         self._hidden: list[str] = []

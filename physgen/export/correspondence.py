@@ -93,50 +93,33 @@ def spans(box: Slices) -> tuple[Array, Array]:
     return x[None, :], np.arange(rows.start, rows.stop, dtype=np.float64)[:, None]
 
 
-@dataclass(frozen=True)
-class BallTurn:
-    """The rotation of a ball from one view to another."""
+def carried_by_ball(
+    x: Array, y: Array, body: int, view: PosedView, other: PosedView, world: World
+) -> tuple[Array, Array, Mask]:
+    """Video px x and y, which broadcast, of a ball in px of the other view, and which are on the far side there.
 
-    radius: float
-    """Video px of the first view."""
-    center: tuple[float, float]
-    """Video px of the first view."""
-    turn: Array
-    """(3, 3), +z into the photo."""
-    scale: float
-    """Magnification of the second view by that of the first."""
-    to: tuple[float, float]
-    """The centre in the second view, video px."""
-
-    @classmethod
-    def between(cls, body: int, view: PosedView, other: PosedView, world: World) -> BallTurn:
-        """Of two views that both have rotations in space."""
-        radius = world.bodies[body].radius
-        assert radius is not None
-        assert view.spaces is not None
-        assert other.spaces is not None
-        scale, other_scale = float(view.lens[0, 0]), float(other.lens[0, 0])
-        x, y = (scale * view.poses[body, :2] + view.lens[:, 2]).tolist()
-        to_x, to_y = (other_scale * other.poses[body, :2] + other.lens[:, 2]).tolist()
-        turn = other.spaces[body] @ view.spaces[body].T
-        return cls(radius * scale, (x, y), turn, other_scale / scale, (to_x, to_y))
-
-    def carried(self, x: Array, y: Array) -> tuple[Array, Array, Mask]:
-        """Video px x and y, which broadcast, in px of the other view; and which of them are on the far side there.
-
-        Pixels of the mask beyond the rim move with the rim.
-        """
-        u, v = (x - self.center[0]) / self.radius, (y - self.center[1]) / self.radius
-        squared = u * u + v * v
-        towards = np.sqrt(np.maximum(1 - squared, 0))
-        reach = self.radius * self.scale
-        along, down = self.to[0] + reach * u, self.to[1] + reach * v
-        within = 1 / np.sqrt(np.maximum(squared, 1))
-        u, v = u * within, v * within
-        change = (self.turn - np.diag([1.0, 1.0, 0.0])) * [[reach], [reach], [1.0]]
-        (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = change.tolist()
-        return (
-            along + (xx * u + xy * v - xz * towards),
-            down + (yx * u + yy * v - yz * towards),
-            zx * u + zy * v > zz * towards,
-        )
+    Both views have rotations in space. Pixels of the mask beyond the rim move with the rim.
+    """
+    radius = world.bodies[body].radius
+    assert radius is not None
+    assert view.spaces is not None
+    assert other.spaces is not None
+    scale, other_scale = float(view.lens[0, 0]), float(other.lens[0, 0])
+    radius *= scale
+    at_x, at_y = (scale * view.poses[body, :2] + view.lens[:, 2]).tolist()
+    to_x, to_y = (other_scale * other.poses[body, :2] + other.lens[:, 2]).tolist()
+    u, v = (x - at_x) / radius, (y - at_y) / radius
+    squared = u * u + v * v
+    towards = np.sqrt(np.maximum(1 - squared, 0))
+    reach = radius * (other_scale / scale)
+    along, down = to_x + reach * u, to_y + reach * v
+    within = 1 / np.sqrt(np.maximum(squared, 1))
+    u, v = u * within, v * within
+    turn = other.spaces[body] @ view.spaces[body].T
+    change = (turn - np.diag([1.0, 1.0, 0.0])) * [[reach], [reach], [1.0]]
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = change.tolist()
+    return (
+        along + (xx * u + xy * v - xz * towards),
+        down + (yx * u + yy * v - yz * towards),
+        zx * u + zy * v > zz * towards,
+    )

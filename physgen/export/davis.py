@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from physgen.export.labels import PNG_LEVEL, Clip, Moment, Writer, write_png
+from physgen.export.labels import Clip, Moment, Writer, write_png
+from physgen.maps import PNG_LEVEL
 
 FIRST_COLOURS = (
     (0, 0, 0), (128, 0, 0), (0, 128, 0), (128, 128, 0), (0, 0, 128), (128, 0, 128), (0, 128, 128), (128, 128, 128),
@@ -33,9 +34,6 @@ def palette_png(ids: NDArray[np.uint16]) -> bytes:
 
 class Frames(Writer):
     """`00000.png` ...: the frames, 8-bit sRGB."""
-
-    def __init__(self, folder: Path, clip: Clip) -> None:
-        self._folder = folder
 
     def add(self, moment: Moment) -> None:
         """One file a frame."""

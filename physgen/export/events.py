@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from enum import Enum
 from functools import partial
 from math import ceil, radians
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -297,9 +296,6 @@ class ClipTimes:
 
 class Events(Writer):
     """`events.json`."""
-
-    def __init__(self, folder: Path, clip: Clip) -> None:
-        self._folder, self._clip = folder, clip
 
     def close(self) -> None:
         """Write the file."""

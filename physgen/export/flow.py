@@ -29,7 +29,7 @@ class Flo(Writer):
     """
 
     def __init__(self, folder: Path, clip: Clip) -> None:
-        self._folder = folder
+        super().__init__(folder, clip)
         for name in ("forward", "backward"):
             (folder / name).mkdir()
             (folder / "visible" / name).mkdir(parents=True)

@@ -11,48 +11,35 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import World
-from physgen.export.correspondence import BallTurn, PosedView, is_still, similarity, spans, turns_in_space
+from physgen.export.correspondence import (
+    PosedView,
+    carried_by_ball,
+    is_still,
+    similarity,
+    spans,
+    turns_in_space,
+)
 from physgen.geometry.polygon import Array
-from physgen.maps import F32, U8, U16, Percepts
+from physgen.maps import F32, U8, U16, Percepts, png_bytes
 from physgen.render.camera import Shot
 from physgen.render.stage import Cover, Frame, Slices
 from physgen.scene.scene import Scene
 from physgen.simulate.trajectory import Trajectory, rotation_matrices
 
-PNG_LEVEL = 1
-"""Of zlib: three times as fast as the usual 6, and files a fifth larger."""
 JPEG_QUALITY = 95
 """Errors of about 1 grey level."""
-Codes = NDArray[np.integer[Any] | np.floating[Any]]
-"""8- or 16-bit integers, as OpenCV's stubs have them."""
 
 
-def write_png(path: Path, picture: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
+def write_png(path: Path, picture: U8 | U16) -> None:
     """(H, W) or (H, W, 3) in the order R, G, B; 8 or 16 bits. Raises OSError."""
-    path.write_bytes(png_of_bgr(picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)))
-
-
-def png_of_bgr(bgr: Codes) -> bytes | memoryview:
-    """The same of (H, W, 3) in OpenCV's order, B, G, R."""
-    done, data = cv2.imencode(".png", bgr, [cv2.IMWRITE_PNG_COMPRESSION, PNG_LEVEL])
-    if not done:
-        raise OSError("a picture cannot be encoded as PNG")
-    return data.data
-
-
-def jpeg(rgb: NDArray[np.uint8]) -> bytes | memoryview:
-    """A file of a picture (H, W, 3); colour has full resolution, so that it ends where masks do."""
-    options = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
-    options += [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]
-    _, data = cv2.imencode(".jpg", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), options)
-    return data.data
+    path.write_bytes(png_bytes(picture))
 
 
 def write_json(path: Path, data: Any) -> None:
@@ -161,8 +148,11 @@ class View(PosedView):
 
     @cached_property
     def jpeg(self) -> bytes | memoryview:
-        """The frame as a JPEG file, encoded once for all formats."""
-        return jpeg(self.rgb)
+        """The frame as a JPEG file, encoded once for all formats; colours are as fine as masks."""
+        options = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
+        options += [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]
+        _, data = cv2.imencode(".jpg", cv2.cvtColor(self.rgb, cv2.COLOR_RGB2BGR), options)
+        return data.data
 
     @cached_property
     def boxes(self) -> Mapping[int, Slices]:
@@ -303,7 +293,7 @@ def _add_body(found: Flow, body: int, box: Slices, view: View, other: View, worl
     x, y = spans(box)
     far_side: Mask | None = None
     if turns_in_space(body, view, world) and other.spaces is not None:
-        to_x, to_y, far_side = BallTurn.between(body, view, other, world).carried(x, y)
+        to_x, to_y, far_side = carried_by_ball(x, y, body, view, other, world)
     else:
         m, n = similarity(body, view, other)
         to_x = (m.real * x + n.real) - m.imag * y
@@ -382,8 +372,11 @@ class MomentQueue:
         )
 
 
-class Writer(Protocol):
+class Writer:
     """One format of one clip, written into a folder of its own: made of the folder and the `Clip`."""
+
+    def __init__(self, folder: Path, clip: Clip) -> None:
+        self._folder, self._clip = folder, clip
 
     def add(self, moment: Moment) -> None:
         """The next moment of the clip."""

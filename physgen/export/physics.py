@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from math import degrees, isfinite
-from pathlib import Path
 from typing import Any
 
 from physgen.compile.world import Body, Joint, Push, World, pairings
@@ -34,9 +33,6 @@ SOURCED = ("mass", "density", "friction", "elasticity", "rolling", "velocity", "
 
 class Physics(Writer):
     """One file."""
-
-    def __init__(self, folder: Path, clip: Clip) -> None:
-        self._folder, self._clip = folder, clip
 
     def close(self) -> None:
         """Write it."""

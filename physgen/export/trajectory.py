@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,9 +21,6 @@ CAMERA_STEP = 1e-5
 
 class TrajectoryTables(Writer):
     """A row a frame and object."""
-
-    def __init__(self, folder: Path, clip: Clip) -> None:
-        self._folder, self._clip = folder, clip
 
     def close(self) -> None:
         """Write all."""

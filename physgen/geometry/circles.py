@@ -130,7 +130,7 @@ class RoughDisc:
 def fit_discs(
     rough: Sequence[RoughDisc],
     contacts: Sequence[tuple[int, int]],
-    obstacles: Mapping[int, Sequence[tuple[Region, bool]]] | None = None,
+    obstacles: Mapping[int, Sequence[tuple[Region, bool]]],
 ) -> list[Disc]:
     """Discs without overlap, close to the rough ones.
 
@@ -138,7 +138,7 @@ def fit_discs(
     """
     if not rough:
         return []
-    problem = _Problem(rough, contacts, obstacles or {})
+    problem = _Problem(rough, contacts, obstacles)
     state = problem.start()
     for stiffness in (1.0, 10.0, 100.0, 1e3, 1e4):
         state = problem.solve(state, stiffness)
@@ -278,7 +278,7 @@ def _near(discs: Sequence[Disc]) -> NDArray[np.intp]:
 
 
 def _edges(region: Region) -> tuple[Array, Array]:
-    rings = [points for ring in region.rings for points in (ring.outer, *ring.holes)]
+    rings = [points for points, _ in region.borders]
     return np.concatenate(rings), np.concatenate([np.roll(points, -1, axis=0) for points in rings])
 
 

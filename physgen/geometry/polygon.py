@@ -47,21 +47,21 @@ def cross(a: Array, b: Array) -> Array:
     return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
-class Moments(NamedTuple):
-    """Area px², centroid (2,) px, and second moment px⁴ about the centroid (the polar one, of a plate of density 1)."""
+class MassProperties(NamedTuple):
+    """Area px², centre of mass (2,) px, and the polar second moment px⁴ of a uniform plate of density 1 about it."""
 
     area: float
-    centroid: Array
+    center: Array
     second: float
 
 
-def polygon_moments(points: Array) -> Moments:
+def polygon_moments(points: Array) -> MassProperties:
     """Signed moments of a simple polygon `(K, 2)`; area and second moment are positive when it turns +x towards +y.
 
     Green's theorem; any mechanics text.
 
     >>> m = polygon_moments(np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 2.0], [0.0, 2.0]]))
-    >>> m.area, m.centroid.tolist(), round(m.second, 9)
+    >>> m.area, m.center.tolist(), round(m.second, 9)
     (8.0, [2.0, 1.0], 13.333333333)
     """
     origin = points.mean(axis=0)
@@ -70,10 +70,10 @@ def polygon_moments(points: Array) -> Moments:
     c = cross(a, b)
     area = float(c.sum() / 2)
     if area == 0.0:
-        return Moments(0.0, origin, 0.0)
+        return MassProperties(0.0, origin, 0.0)
     centroid = ((a + b) * c[:, None]).sum(axis=0) / (6 * area)
     about_origin = float((c * ((a * a).sum(1) + (a * b).sum(1) + (b * b).sum(1))).sum() / 12)
-    return Moments(area, centroid + origin, about_origin - area * float(centroid @ centroid))
+    return MassProperties(area, centroid + origin, about_origin - area * float(centroid @ centroid))
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,17 +101,17 @@ class Region:
 
     rings: tuple[Ring, ...]
 
+    @property
+    def borders(self) -> list[tuple[Array, float]]:
+        """Of every piece its border and 1, then each hole's and -1: signs with which areas add up."""
+        return [
+            (points, sign)
+            for ring in self.rings
+            for points, sign in ((ring.outer, 1.0), *((hole, -1.0) for hole in ring.holes))
+        ]
+
 
 Outline = Disc | Region
-
-
-@dataclass(frozen=True, eq=False)
-class MassProperties:
-    """Area px², center of mass `(2,)` px, and the polar second moment px⁴ of a uniform plate about it."""
-
-    area: float
-    center: Array
-    second: float
 
 
 def mass_properties(outline: Outline) -> MassProperties:
@@ -124,11 +124,10 @@ def mass_properties(outline: Outline) -> MassProperties:
         radius = float(outline.radius)
         return MassProperties(pi * radius**2, np.array(outline.center, dtype=np.float64), pi * radius**4 / 2)
     parts = []
-    for ring in outline.rings:
-        for points, sign in ((ring.outer, 1.0), *((hole, -1.0) for hole in ring.holes)):
-            moments = polygon_moments(points)
-            turn = sign if moments.area >= 0 else -sign
-            parts.append((turn * moments.area, moments.centroid, turn * moments.second))
+    for points, sign in outline.borders:
+        moments = polygon_moments(points)
+        turn = sign if moments.area >= 0 else -sign
+        parts.append((turn * moments.area, moments.center, turn * moments.second))
     area = sum(part[0] for part in parts)
     if not area > 0:
         raise ValueError("the outline has no area")
@@ -150,19 +149,18 @@ def mean_distance(outline: Outline, center: Array) -> float:
     if isinstance(outline, Disc):
         return 2 * outline.radius / 3
     total = area = 0.0
-    for ring in outline.rings:
-        for points, sign in ((ring.outer, 1.0), *((hole, -1.0) for hole in ring.holes)):
-            a = points - center
-            b = np.roll(a, -1, axis=0)
-            along = b - a
-            length = np.maximum(np.hypot(*along.T), 1e-12)
-            twice = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-            height = np.maximum(np.abs(twice) / length, 1e-12)
-            start, end = ((p * along).sum(axis=1) / length / height for p in (a, b))
-            part = np.abs(height**3 / 6 * (_sec_cubed(end) - _sec_cubed(start))) * np.sign(twice)
-            turn = sign * np.sign(twice.sum())
-            total += turn * float(part.sum())
-            area += turn * float(twice.sum()) / 2
+    for points, sign in outline.borders:
+        a = points - center
+        b = np.roll(a, -1, axis=0)
+        along = b - a
+        length = np.maximum(np.hypot(*along.T), 1e-12)
+        twice = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+        height = np.maximum(np.abs(twice) / length, 1e-12)
+        start, end = ((p * along).sum(axis=1) / length / height for p in (a, b))
+        part = np.abs(height**3 / 6 * (_sec_cubed(end) - _sec_cubed(start))) * np.sign(twice)
+        turn = sign * np.sign(twice.sum())
+        total += turn * float(part.sum())
+        area += turn * float(twice.sum()) / 2
     return total / area
 
 

@@ -42,31 +42,22 @@ def coverage_box(
         return np.zeros((max(height, 0), max(width, 0)), np.float32), (x0, y0)
     corner = np.array([x0 - 0.5, y0 - 0.5])
     sums = np.zeros((max(height, 1), max(width, 1) + 1))
-    for points, sign in _borders(outline):
+    borders = [(_circle_points(outline), 1.0)] if isinstance(outline, Disc) else outline.borders
+    for points, sign in borders:
         _accumulate(sums, points - corner, sign)
     inside = np.cumsum(sums, axis=1)[:, :-1]
     return np.clip(inside, 0.0, 1.0).astype(np.float32), (x0, y0)
 
 
-def circle_points(disc: Disc, sagitta: float) -> Array:
-    """`(K, 2)` px: the polygon of the disc's own area whose chords stand off the circle by at most `sagitta` px."""
+def _circle_points(disc: Disc) -> Array:
+    """`(K, 2)` px: the polygon of the disc's own area whose chords stand off the circle by at most `_SAGITTA`."""
     radius = float(disc.radius)
-    count = max(12, ceil(pi / sqrt(2 * max(sagitta, 1e-9) / max(radius, 1e-9))))
+    count = max(12, ceil(pi / sqrt(2 * _SAGITTA / max(radius, 1e-9))))
     step = 2 * pi / count
     angles = np.arange(count) * step
     outer = radius * sqrt(step / sin(step))
     points: Array = disc.center + outer * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     return points
-
-
-def _borders(outline: Outline) -> list[tuple[Array, float]]:
-    if isinstance(outline, Disc):
-        return [(circle_points(outline, _SAGITTA), 1.0)]
-    pairs: list[tuple[Array, float]] = []
-    for ring in outline.rings:
-        pairs.append((ring.outer, 1.0))
-        pairs.extend((hole, -1.0) for hole in ring.holes)
-    return pairs
 
 
 def _accumulate(sums: Array, points: Array, sign: float) -> None:

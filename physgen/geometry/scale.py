@@ -224,8 +224,7 @@ WEIGHING = WeighingConstants()
 
 def weigh(outline: Outline, what: Kind, pixels_per_meter: float) -> tuple[float, float, str]:
     """Mass in g to three digits, confidence and a sentence."""
-    found = object_extent(outline, what)
-    mass, confidence, reason = _mass(found, what, pixels_per_meter)
+    mass, confidence, reason = _mass(object_extent(outline, what), what, pixels_per_meter)
     return float(f"{max(mass, WEIGHING.lightest):.3g}"), confidence, reason
 
 

@@ -75,8 +75,10 @@ def _runs(points: Array, tolerance: float) -> list[int]:
     return breaks
 
 
-def line_fit(points: Array) -> tuple[Array, Array]:
+def _run_line(run: Array) -> tuple[Array, Array]:
     """Total least squares: a point on the line and its unit direction, along the order of the points."""
+    # the ends of a run belong to two runs, and corners are rounded there
+    points = run[1:-1] if len(run) >= 5 else run
     center = points.mean(axis=0)
     x, y = (points - center).T
     angle = 0.5 * np.arctan2(2 * (x @ y), x @ x - y @ y)
@@ -84,11 +86,6 @@ def line_fit(points: Array) -> tuple[Array, Array]:
     if direction @ (points[-1] - points[0]) < 0:
         direction = -direction
     return center, direction
-
-
-def _run_line(run: Array) -> tuple[Array, Array]:
-    # the ends of a run belong to two runs, and corners are rounded there
-    return line_fit(run[1:-1] if len(run) >= 5 else run)
 
 
 def end_lines(points: Array, tolerance: float) -> dict[int, tuple[Array, Array, int]]:

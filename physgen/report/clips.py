@@ -43,25 +43,25 @@ class Failure:
     warnings: tuple[str, ...] = ()
 
 
-def failure_of(
+def write_failure(
+    out: Path,
     scene: str,
     path: str,
     variant: str | None,
     overrides: Sequence[str],
     command: Sequence[str],
     problems: Sequence[Problem],
-) -> Failure:
-    """Of a run's inputs, and the problems that it ended with, warnings among them."""
-    errors = tuple(str(p) for p in problems if p.severity is Severity.ERROR)
-    warnings = tuple(str(p) for p in problems if p.severity is Severity.WARNING)
-    return Failure(scene, path, variant, tuple(overrides), tuple(command), errors, warnings)
+) -> None:
+    """Writes a run's inputs, and the problems that it ended with, warnings among them, as `read_failure` reads them.
 
-
-def write_failure(out: Path, failure: Failure) -> None:
-    """Writes it atomically, in place of an earlier one; a file that is not ours stays."""
-    file = out / f"{failure.scene}{ENDING}"
+    In place of an earlier record; a file that is not ours stays.
+    """
+    file = out / f"{scene}{ENDING}"
     if file.exists() and read_failure(file) is None:
         return
+    errors = tuple(str(p) for p in problems if p.severity is Severity.ERROR)
+    warnings = tuple(str(p) for p in problems if p.severity is Severity.WARNING)
+    failure = Failure(scene, path, variant, tuple(overrides), tuple(command), errors, warnings)
     out.mkdir(parents=True, exist_ok=True)
     write_json(file, {"failed": 1, **vars(failure)})
 

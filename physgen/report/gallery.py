@@ -20,14 +20,13 @@ from urllib.parse import quote, unquote
 from physgen import __version__
 from physgen.files import back_up, resource, write_atomic
 from physgen.problems import InputError
+from physgen.progress import Progress, silent
 from physgen.report.clips import Clip, clips_in
 from physgen.report.films import poster
 from physgen.report.folders import remove_leftovers
 from physgen.report.html import script_json, template
 from physgen.report.sweep_keys import SweptKey, swept_keys
 from physgen.text import natural, rounded, value_text
-
-Progress = Callable[[str, int, int], None]
 
 KINDS = {".mp4": "video/mp4", ".webp": "image/webp", ".gif": "image/gif"}
 """Films that a page can play."""
@@ -69,7 +68,7 @@ def write_gallery(
     index: Path,
     *,
     title: str | None = None,
-    progress: Progress = lambda stage, done, total: None,
+    progress: Progress = silent,
     keep: Callable[[Path], None] = lambda kept: None,
 ) -> Gallery:
     """The page of all clips below `roots`.
@@ -280,8 +279,7 @@ def sweep_files(files: Path, used: set[str]) -> None:
 
 def _ours(index: Path) -> bool:
     with index.open("rb") as file:
-        head = file.read(2000).decode("utf-8", "replace")
-    return MARK in head
+        return MARK.encode() in file.read(2000)
 
 
 def _day(time: float) -> str:

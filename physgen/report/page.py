@@ -6,8 +6,10 @@ import hashlib
 import platform
 import shlex
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -81,7 +83,9 @@ def report_page(
     `scene_text` is the scene file with every default filled in.
     """
     width, height = scene.size
-    player, fan = parts.player, parts.uncertainty
+    player, written = parts.player, None
+    with suppress(OSError, ValueError):  # places name files as the user knows them
+        written = (scene.folder / Path(scene.place("").file).name).read_text(encoding="utf-8")
     page: str = template("report.html.j2").render(
         title=scene.name,
         size=(width, height),
@@ -122,19 +126,11 @@ def report_page(
         pairs=pair_table(world),
         perception=parts.perception,
         retouched=parts.refinement,
-        fan=fan,
-        provenance=provenance(record, scene_text, _scene_file(scene)),
+        fan=parts.uncertainty,
+        provenance=provenance(record, scene_text, written),
         version=__version__,
     )
     return page
-
-
-def _scene_file(scene: Scene) -> str | None:
-    """The text of the scene's file; None where it cannot be read."""
-    try:
-        return scene.file_of(scene.place("")).read_text(encoding="utf-8")
-    except (OSError, ValueError):
-        return None
 
 
 @cache

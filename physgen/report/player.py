@@ -10,7 +10,7 @@ and no shadow falls on an object.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import Body, World
-from physgen.geometry.shadows import F32, PixelBox
+from physgen.geometry.shadows import F32, PixelBox, joined_pictures
 from physgen.maps import U8
 from physgen.photometry import encode_u8
 from physgen.render.camera import Shot
@@ -188,14 +188,10 @@ def keyed(path: Array, reach: float) -> list[int]:
 
 def shadows(stage: Stage, trajectory: Trajectory, moving: Sequence[int]) -> list[dict[str, Any]]:
     """`body`, `slides` and `keys` of some sprites; a key has `sample`, `box`, `at` (centre of darkness) and `src`."""
-    return [] if stage.lit is None or not moving else list(_shadows(stage, stage.lit, trajectory, moving))
-
-
-def _shadows(
-    stage: Stage, lit: LitBackground, trajectory: Trajectory, moving: Sequence[int]
-) -> Iterator[dict[str, Any]]:
-    """Of each moving object; a shadow that only slides keeps its shape and is computed once."""
-    keys: dict[int, list[int]] = {}
+    lit = stage.lit
+    if lit is None or not moving:
+        return []
+    keys: dict[int, list[int]] = {}  # a shadow that only slides keeps its shape and is computed once
     for k in moving:
         body = stage.sprites[k].body
         reach = max(stage.sprites[k].coverage.shape) / 2
@@ -207,11 +203,12 @@ def _shadows(
             if sample in keys[k]:
                 dark = _dark(stage, lit, stands[k])
                 rows[k].append({"sample": sample} | ({} if dark is None else _shadow(*dark)))
-    for k in moving:
-        if any("src" in row for row in rows[k]):
-            slides = lit.casts[k].sliding is not None
-            lean = {"lean": round(lit.casts[k].lean, 4)} if lit.casts[k].lean else {}
-            yield {"body": stage.sprites[k].body, "slides": slides, "keys": rows[k]} | lean
+    return [
+        {"body": stage.sprites[k].body, "slides": lit.casts[k].sliding is not None, "keys": rows[k]}
+        | ({"lean": round(lit.casts[k].lean, 4)} if lit.casts[k].lean else {})
+        for k in moving
+        if any("src" in row for row in rows[k])
+    ]
 
 
 def _dark(stage: Stage, lit: LitBackground, stand: SpritePose) -> tuple[PixelBox, F32] | None:
@@ -228,14 +225,7 @@ def _dark(stage: Stage, lit: LitBackground, stand: SpritePose) -> tuple[PixelBox
             stage, stand, stand.where, sprite_coverage(stage.sprites[stand.k], stand.where)
         )
     parts = lit.moved(stand.k, now, stand.start, stand.pose)
-    if not parts:
-        return None
-    x0, y0 = (min(box[k] for box, _ in parts) for k in (0, 1))
-    x1, y1 = (max(box[k] for box, _ in parts) for k in (2, 3))
-    total = np.zeros((y1 - y0, x1 - x0), np.float32)
-    for (left, top, right, bottom), dark in parts:
-        total[top - y0 : bottom - y0, left - x0 : right - x0] += dark
-    return (x0, y0, x1, y1), total
+    return joined_pictures(parts) if parts else None
 
 
 def _shadow(box: PixelBox, dark: F32) -> dict[str, Any]:

@@ -25,7 +25,7 @@ from yaml.events import (
     SequenceStartEvent,
 )
 
-from physgen.problems import InputError, Limit, Place, Problem
+from physgen.problems import InputError, Limit, Place, Problem, RefusedError
 from physgen.text import dotted, quoted
 
 Scalar = bool | int | float | str | None
@@ -44,18 +44,10 @@ _ENDLESS = re.compile(r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)").fullmatch
 _STARTS = frozenset("+-.0123456789")
 
 
-class RefusedNumberError(ValueError):
-    """A number that no scene can hold; `expected` and `fix` say why, in the words of a Problem."""
-
-    def __init__(self, expected: str, fix: str) -> None:
-        super().__init__(expected)
-        self.expected, self.fix = expected, fix
-
-
 def resolve(text: str) -> Scalar:
     """What a plain (unquoted) scalar stands for.
 
-    Raises RefusedNumberError for NaN, infinities and numbers too long or too large for a float.
+    Raises RefusedError for NaN, infinities and numbers too long or too large for a float.
 
     >>> [resolve(t) for t in ("on", "1.0e6", "0x1F", "0o17", "~", "True", "1_000", "-.5")]
     ['on', 1000000.0, 31, 15, None, True, '1_000', -0.5]
@@ -67,18 +59,18 @@ def resolve(text: str) -> Scalar:
             return int(text) if len(text) < 20 else int(_short(text))
         number = float(text) if len(text) < 30 else float(_short(text))
         if math.isinf(number):
-            raise RefusedNumberError("is too large a number", "write a finite number, at most 1.0e308")
+            raise RefusedError("is too large a number", "write a finite number, at most 1.0e308")
         return number
     if _BASE(text):
         return int(_short(text), 0)
     if _ENDLESS(text):
-        raise RefusedNumberError("is not a finite number", "write a finite number")
+        raise RefusedError("is not a finite number", "write a finite number")
     return text
 
 
 def _short(text: str) -> str:
     if len(text) > MAX_NUMBER:
-        raise RefusedNumberError(f"is a number of {len(text)} characters", f"write at most {MAX_NUMBER}")
+        raise RefusedError(f"is a number of {len(text)} characters", f"write at most {MAX_NUMBER}")
     return text
 
 
@@ -92,6 +84,7 @@ class Source:
     """Where the paths written in it start."""
 
 
+@dataclass(slots=True, eq=False, repr=False)
 class Node:
     """One value with its place: a scalar, a list of Nodes or a dict of Nodes. Nodes are never changed.
 
@@ -99,21 +92,11 @@ class Node:
     value belongs to, None in a list.
     """
 
-    __slots__ = ("column", "key", "line", "source", "value")
-
-    def __init__(
-        self,
-        value: Scalar | list[Node] | dict[str, Node],
-        source: Source,
-        line: int = 0,
-        column: int = 0,
-        key: tuple[int, int] | None = None,
-    ) -> None:
-        self.value = value
-        self.source = source
-        self.line = line
-        self.column = column
-        self.key = key
+    value: Scalar | list[Node] | dict[str, Node]
+    source: Source
+    line: int = 0
+    column: int = 0
+    key: tuple[int, int] | None = None
 
     @property
     def place(self) -> Place:
@@ -158,7 +141,7 @@ def whole(node: Node) -> list[int]:
     return [int(item.value) for item in numbers]
 
 
-_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 def decode(data: bytes, name: str) -> str:
@@ -187,7 +170,7 @@ def read(text: str, source: Source, counted: bool = True) -> Node:
     """
     reader = _Reader(source, counted)
     try:
-        root = reader.tree(yaml.parse(text, Loader=_LOADER))
+        root = reader.tree(yaml.parse(text, Loader=LOADER))
     except yaml.YAMLError as error:
         raise InputError([_syntax(error, text, source)]) from None
     if reader.problems:
@@ -261,8 +244,9 @@ class _Reader:
                 if event.implicit[0]:  # plain, not quoted
                     try:
                         value = resolve(event.value)
-                    except RefusedNumberError as error:
-                        self._number(error, event, _path(stack, key))
+                    except RefusedError as error:
+                        where, found = _path(stack, key), quoted(event.value, "")
+                        self._collect(Problem(self._place(event), where, found, error.expected, error.fix))
                 node = Node(value, source, line, column)
             else:
                 node = Node([] if kind is SequenceStartEvent else {}, source, line, column)
@@ -299,10 +283,6 @@ class _Reader:
             if next(reversed(top)) == "objects":
                 raise Limit.OBJECTS.error(self._place(event), "objects")
         return key
-
-    def _number(self, error: RefusedNumberError, event: Any, path: str) -> None:
-        found = quoted(event.value, "")
-        self._collect(Problem(self._place(event), path, found, error.expected, error.fix))
 
     def _collect(self, problem: Problem) -> None:
         self.problems.append(problem)

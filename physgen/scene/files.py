@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from physgen.files import SCENE_FORMATS, Stamp, file_stamp
-from physgen.problems import InputError, Limit, Problem
+from physgen.problems import InputError, Limit, Problem, RefusedError
 from physgen.scene.document import Node, Source, decode, read
 from physgen.scene.overlay import merge
 from physgen.text import shown
@@ -31,14 +31,6 @@ RECORD = "perceived.json"
 """Of the same folder: which backend did each step of perceiving, and the values that it wrote."""
 DATA = (OUTLINES, RECORD)
 ASSETS = (*(f"{name}.png" for name in MAPS), *DATA)
-
-
-class RefusedError(Exception):
-    """A path that cannot be used; `expected` and `fix` as in a Problem."""
-
-    def __init__(self, expected: str, fix: str) -> None:
-        super().__init__(expected)
-        self.expected, self.fix = expected, fix
 
 
 def confined(

@@ -44,7 +44,11 @@ class Opened:
         name = os.fspath(path)
         self._source = Source(name, Path(os.path.abspath(self.file)).parent)
         self._stamps = {self.file: file_stamp(self.file)} if text is None else {}
-        own = read_scene(self.file, name) if text is None else _draft(text, self._source)
+        own = (
+            read_scene(self.file, name)
+            if text is None
+            else read(decode(text.encode("utf-8", "surrogatepass"), name), self._source)
+        )
         self._root = with_bases(own, self.file, allow_outside, self._stamps)
         self._files = Files(allow_outside)
         self.variants = tuple(name for name, _ in variants_of(self._root))
@@ -96,11 +100,6 @@ def raw_document(path: str | os.PathLike[str], allow_outside: bool = False) -> d
     document = plain(with_bases(read_scene(Path(name), name), Path(name), allow_outside))
     assert isinstance(document, dict)
     return document
-
-
-def _draft(text: str, source: Source) -> Node:
-    """The tree of a file's text; raises InputError as if the file were read."""
-    return read(decode(text.encode("utf-8", "surrogatepass"), source.name), source)
 
 
 def _edited(root: Node, overrides: Sequence[str], variant: str | None, source: Source) -> Node:

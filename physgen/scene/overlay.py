@@ -36,14 +36,6 @@ def rivals(schema_path: KeyPath) -> Mapping[str, frozenset[str]]:
     return {key: frozenset(group) - {key} for group in groups for key in group}
 
 
-def _default(path: KeyPath, like: Node) -> Node | None:
-    """The list that stands where a file has none, so that velocity.0 alone can be set; None: there is no such."""
-    default = (schema_at(kind_of(path)) or {}).get("default")
-    if not isinstance(default, list) or not default:
-        return None
-    return like.with_value([like.with_value(item) for item in default])
-
-
 def kind_of(path: KeyPath) -> KeyPath:
     """The path with names of objects, boundaries and the like made one, so that `rivals` is asked for few."""
     return tuple(
@@ -100,10 +92,6 @@ class Edit:
     def __init__(self, key: str, value: Node, path: KeyPath) -> None:
         self.key, self.value, self.path = key, value, path
 
-    def makes_object(self, path: KeyPath) -> bool:
-        """Whether a key such as `objects.new.shape` may be the first of an object."""
-        return len(path) > 2 and path[2] in ("shape", "mask")
-
     def problem(self, expected: str, fix: str) -> InputError:
         """Why the edit cannot be made."""
         path = "" if self.value.line == 0 else dotted((*self.path, self.key))
@@ -153,7 +141,9 @@ def _set(node: Node | None, path: KeyPath, depth: int, edit: Edit, star: bool, a
         step = int(step[:9])  # pivot.0 says the same as pivot[0]
         path = (*path[:depth], step, *path[depth + 1 :])
     if isinstance(step, int) or step == "[*]":
-        node = _default(at, edit.value) if node is None else node
+        default = (schema_at(kind_of(at)) or {}).get("default")
+        if node is None and isinstance(default, list) and default:  # so that velocity.0 alone can be set
+            node = edit.value.with_value([edit.value.with_value(item) for item in default])
         return _set_item(node, path, depth, edit, star, at)
     changed = dict(children(node))
     if step == "*":
@@ -182,7 +172,8 @@ def _put(
             fix = f'did you mean "{known}"?' if known else "leave it out"
             raise edit.problem(f"{dotted((*at, key))} is not there to take away", fix)
         return
-    if at == ("objects",) and not last and key not in changed and not edit.makes_object(path):
+    may_begin = not last and path[depth + 1] in ("shape", "mask")  # objects.new.shape makes one
+    if at == ("objects",) and not last and key not in changed and not may_begin:
         known = nearest(key, changed)
         names = ", ".join(list(changed)[:8]) + (", ..." if len(changed) > 8 else "")
         fix = (

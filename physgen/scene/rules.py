@@ -12,13 +12,12 @@ from typing import Any
 
 from physgen import registry
 from physgen.files import Stamp, file_stamp
-from physgen.problems import InputError, Limit
+from physgen.problems import InputError, Limit, RefusedError
 from physgen.scene.document import Node, children, items, plain, whole
 from physgen.scene.files import (
     ASSETS,
     OUTLINES,
     Record,
-    RefusedError,
     confined,
     image_size,
     read_scene,

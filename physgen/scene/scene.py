@@ -6,7 +6,6 @@ Every field is explained once, in `schemas/scene-1.schema.json`.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
@@ -544,8 +543,3 @@ class Scene:
                 return self.places[path]
             path = path[: max(path.rfind("."), path.rfind("["), 0)]
         return self.places.get("", Place(str(self.folder / self.name)))
-
-    def file_of(self, place: Place) -> Path:
-        """Where that stands which a place with a line names: places name files as the user knows them."""
-        home = os.path.dirname(self.place("").file)
-        return self.folder / os.path.relpath(place.file, home or os.curdir)

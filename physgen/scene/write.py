@@ -7,7 +7,8 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from physgen.scene.document import RefusedNumberError, resolve
+from physgen.problems import RefusedError
+from physgen.scene.document import resolve
 from physgen.scene.schema import Schema, expanded, inner, schema_at
 from physgen.text import KeyPath, dotted, number
 
@@ -53,11 +54,6 @@ def flow_text(value: Any, path: KeyPath) -> str:
     return _flow(value, schema_at(path))
 
 
-def key_text(key: str) -> str:
-    """A key as it is written. Raises ValueError where it is too long."""
-    return _key(key)
-
-
 class _Writer:
     def __init__(self, comments: Mapping[str, str]) -> None:
         self.comments = comments
@@ -69,7 +65,7 @@ class _Writer:
     ) -> Iterator[str]:
         for key in _ordered(value, schema):
             part = inner(schema, key)
-            yield from self.entry(value[key], f"{indent}{_key(key)}:", indent + "  ", (*path, key), part)
+            yield from self.entry(value[key], f"{indent}{key_text(key)}:", indent + "  ", (*path, key), part)
 
     def entry(
         self, value: Any, start: str, indent: str, path: KeyPath, schema: Schema | None
@@ -164,7 +160,9 @@ def _flow(value: Any, schema: Schema | None) -> str:
     """A value on one line."""
     value = _data(value)
     if isinstance(value, Mapping):
-        pairs = (f"{_key(key)}: {_flow(value[key], inner(schema, key))}" for key in _ordered(value, schema))
+        pairs = (
+            f"{key_text(key)}: {_flow(value[key], inner(schema, key))}" for key in _ordered(value, schema)
+        )
         return "{" + ", ".join(pairs) + "}"
     if isinstance(value, Sequence) and not isinstance(value, str):
         items = schema.get("items") if schema else None
@@ -182,7 +180,8 @@ def _flow(value: Any, schema: Schema | None) -> str:
     raise ValueError(f"a scene cannot hold {type(value).__name__}")
 
 
-def _key(key: Any) -> str:
+def key_text(key: Any) -> str:
+    """A key as it is written. Raises ValueError where it is no text, or too long."""
     if not isinstance(key, str) or len(key) > _LONGEST_KEY:
         raise ValueError("a scene's keys are short texts")
     return _text(key)
@@ -194,7 +193,7 @@ def _text(text: str) -> str:
         try:
             if resolve(text) == text:
                 return text
-        except RefusedNumberError:
+        except RefusedError:
             pass
     return '"' + "".join(map(_escaped, text)) + '"'
 

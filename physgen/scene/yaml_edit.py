@@ -17,12 +17,11 @@ from typing import Any
 import yaml
 
 from physgen.problems import EditError, InputError, impossible
-from physgen.scene.document import Source, read, resolve
+from physgen.scene.document import LOADER, Source, read, resolve
 from physgen.scene.schema import schema_at
 from physgen.scene.write import entry_lines, flow_text, key_text
 from physgen.text import KeyPath, dotted
 
-_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _NOWHERE = Path()
 
 Patch = tuple[int, int, str]
@@ -84,7 +83,7 @@ def marked(text: str) -> Marked:
         where = f" (line {problem.place.line})" if problem.place.line else ""
         reason = f"{problem.found} {problem.expected}".strip()
         raise impossible(f"the file cannot be read{where}: {reason}", "correct the YAML, or undo") from None
-    return _marked(yaml.compose(text, Loader=_LOADER), text)
+    return _marked(yaml.compose(text, Loader=LOADER), text)
 
 
 def _marked(node: Any, text: str) -> Marked:

@@ -353,7 +353,7 @@ class ImpactSolver:
             self._give(self._shift, points[0], *found[0], times[group[0]])
         else:
             for whole in wholes:
-                bodies |= set(self._joined.members(whole)) if whole is not None else set()
+                bodies |= set(self._joined.members[whole]) if whole is not None else set()
             found = self._together(points, was, sorted(bodies), [times[k] for k in group])
         for k, p, (jn, jt), (vn, vt), (dn, dt) in zip(group, points, found, was, driven, strict=True):
             self._rows.append((p.a, p.b, jt * p.ny - jn * p.nx, -jn * p.ny - jt * p.nx, times[k]))

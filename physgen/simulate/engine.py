@@ -42,14 +42,7 @@ from physgen.simulate.forces import (
     stiffest_spring,
 )
 from physgen.simulate.joints import Assemblies
-from physgen.simulate.recorder import (
-    DIVERGED_FIX,
-    UNKNOWN_PLACE,
-    Recorder,
-    Step,
-    StepLog,
-    recorded_trajectory,
-)
+from physgen.simulate.recorder import DIVERGED_FIX, UNKNOWN_PLACE, Recorder, Step, StepLog
 from physgen.simulate.space import Space
 from physgen.simulate.step_control import Governor, StepDivider
 from physgen.simulate.trajectory import Effort, Trajectory
@@ -175,7 +168,7 @@ class Running:
             overworked=pair[0],
             overworked_by=pair[1],
         )
-        return recorded_trajectory(self._ledger, effort)
+        return self._ledger.trajectory(effort)
 
     @contextmanager
     def _overflow_named(self) -> Iterator[None]:
@@ -340,7 +333,7 @@ class Stepper:
         )
         self.budget = WorkBudget(world.duration, len(bodies))
         self._joined = Assemblies(world)
-        self._held = self._joined.held()
+        self._held = self._joined.bodies
         light, ease = self._properties.lightness, self._properties.ease
         self._inverse = np.array([light, light, ease]).T[: len(bodies)]
         self._center = np.array([[*b.center, 0.0] for b in bodies]).reshape(-1, 3)

@@ -77,9 +77,7 @@ class Impulses:
         push = self._coming.pop(0)
         body = self._bodies[push.body]
         v = velocity[push.body]
-        angle = pose[push.body, 2] + v[2] * since
-        c, s = np.cos(angle), np.sin(angle)
-        arm = np.array([c * push.at[0] - s * push.at[1], s * push.at[0] + c * push.at[1]])
+        arm = _turned(push.at, pose[push.body, 2] + v[2] * since)
         change = np.array([*push.vector, arm[0] * push.vector[1] - arm[1] * push.vector[0]])
         change /= [body.mass, body.mass, body.moment]
         work = body.mass * (change[:2] @ (v[:2] + change[:2] / 2))

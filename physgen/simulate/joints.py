@@ -27,7 +27,8 @@ class Assemblies:
 
     def __init__(self, world: World) -> None:
         dynamic = [body.motion is Motion.DYNAMIC for body in world.bodies]
-        self._members: dict[int, list[int]] = {}
+        self.members: dict[int, list[int]] = {}
+        """Bodies of each group."""
         self._joints: dict[int, list[Joint]] = {}
         root = {k: k for k in range(len(world.bodies))}
         joints = [j for j in world.joints if j.kind is not JointKind.SPRING]
@@ -44,9 +45,11 @@ class Assemblies:
             if held is not None:
                 self._joints.setdefault(find(root, held), []).append(joint)
         for body, group in self._root.items():
-            self._members.setdefault(group, []).append(body)
-        for members in self._members.values():
+            self.members.setdefault(group, []).append(body)
+        for members in self.members.values():
             members.sort()
+        self.bodies = sorted(self._root)
+        """Every body that a joint holds."""
         # what is not dynamic has a place in the system, too, and does not yield
         self._held = [
             (joints, sorted({b for joint in joints for b in (joint.first, joint.second) if b is not None}))
@@ -56,14 +59,6 @@ class Assemblies:
     def of(self, body: int) -> int | None:
         """The group that a body belongs to; None for one that no joint holds."""
         return self._root.get(body)
-
-    def members(self, group: int) -> list[int]:
-        """Its bodies."""
-        return self._members[group]
-
-    def held(self) -> list[int]:
-        """Every body that a joint holds."""
-        return sorted(self._root)
 
     def hold(
         self, pose: Array, velocity: Array, inverse: Array, h: float, strength: float | None

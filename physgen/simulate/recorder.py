@@ -447,17 +447,20 @@ class Recorder:
         height = -(self._mass * (pose[..., :2] @ self.world.gravity)).sum(axis=1)
         return kinetic, height + [self.loads.potential(x) if self.loads.busy else 0.0 for x in pose]
 
-    def energy(self) -> Energy:
-        """At every sample."""
-        return Energy(*np.ascontiguousarray(self._balance.T))
-
-    def rolled(self) -> Array:
-        """(T, N, 2), or (T, 0, 2) where nothing rolls on a table."""
-        return self.rolls if self._rolling else self.rolls[:, :0]
-
-    def turned(self) -> Array:
-        """(T, N, 4), or (T, 0, 4) where nothing rolls on a table."""
-        return self.turns if self._rolling else self.turns[:, :0]
+    def trajectory(self, effort: Effort) -> Trajectory:
+        """What is known once the last step is read."""
+        rolling = slice(None) if self._rolling else slice(0)
+        return Trajectory(
+            times=self.times,
+            names=tuple(body.name for body in self.world.bodies),
+            poses=self.poses,
+            velocities=self.velocities,
+            rolls=self.rolls[:, rolling],
+            turns=self.turns[:, rolling],
+            contacts=self.log.result(),
+            energy=Energy(*np.ascontiguousarray(self._balance.T)),
+            effort=effort,
+        )
 
 
 def _refuse_infinities(world: World, pose: Array, velocity: Array, times: Array) -> None:
@@ -513,33 +516,14 @@ class StepLog:
         last = ceil(float(times[-1]) / h - 1e-9) * h
         if last > (self._steps[-1].time if self._steps else 0.0) + 1e-9 * h and self._on is not None:
             self._on(last)
-        return self._sampled(times, last + 1e-9 * h, motion_only)
-
-    def _sampled(self, times: Array, last: float, motion_only: bool) -> Trajectory | None:
-        """From the steps that end at `last` s at most; they may have become too many."""
-        if self._begin is None or self._ledger is None or self._effort is None:
+        if self._begin is None or self._ledger is None or self._effort is None:  # they have become too many
             return None
         ledger = replace(self._ledger, times=times, motion_only=motion_only)
         with np.errstate(over="ignore", invalid="ignore"):
             ledger.begin(*self._begin)
             for step in self._steps:
-                if step.time > last:
+                if step.time > last + 1e-9 * h:
                     break
                 ledger.add(step)
             ledger.flush()
-        return recorded_trajectory(ledger, self._effort)
-
-
-def recorded_trajectory(ledger: Recorder, effort: Effort) -> Trajectory:
-    """What a ledger knows once its last step is read."""
-    return Trajectory(
-        times=ledger.times,
-        names=tuple(body.name for body in ledger.world.bodies),
-        poses=ledger.poses,
-        velocities=ledger.velocities,
-        rolls=ledger.rolled(),
-        turns=ledger.turned(),
-        contacts=ledger.log.result(),
-        energy=ledger.energy(),
-        effort=effort,
-    )
+        return ledger.trajectory(self._effort)

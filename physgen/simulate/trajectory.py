@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.files import write_atomic
-from physgen.geometry.polygon import Array, Pose
+from physgen.geometry.polygon import Array
 
 Index = NDArray[np.int32]
 
@@ -99,11 +99,6 @@ class Trajectory:
     contacts: Contacts
     energy: Energy
     effort: Effort
-
-    def pose(self, sample: int, body: int) -> Pose:
-        """Pose of one body at one sample."""
-        x, y, angle = self.poses[sample, body]
-        return Pose(float(x), float(y), float(angle))
 
     def imbalance(self, least: float = 0.0) -> float:
         """By how much kinetic + potential + dissipated - work strays, as a part of the energy that flows.

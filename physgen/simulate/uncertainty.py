@@ -321,10 +321,8 @@ class Verdict:
 
 def verdicts(fan: Ensemble) -> list[Verdict]:
     """One per body; none where no draw could be simulated."""
-    whole = fan.whole
     outcomes = [outcome for outcome in fan.outcomes if outcome is not None]
-    bodies = range(len(fan.names)) if whole else ()
-    return [_verdict(fan, b, outcomes) for b in bodies]
+    return [_verdict(fan, b, outcomes) for b in range(len(fan.names)) if outcomes]
 
 
 def headline(fan: Ensemble, found: Sequence[Verdict]) -> str:

@@ -117,7 +117,7 @@ def test_anything_as_the_value_of_a_flag() -> None:
 def test_pure_python_reads_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where PyYAML was built without libyaml."""
     fast = tree(TEXT)
-    monkeypatch.setattr("physgen.scene.document._LOADER", yaml.SafeLoader)
+    monkeypatch.setattr("physgen.scene.document.LOADER", yaml.SafeLoader)
     slow = tree(TEXT)
     assert plain(slow) == plain(fast)
     assert child(slow, "forces", 0, "impulse", 1).place == child(fast, "forces", 0, "impulse", 1).place
