@@ -250,7 +250,13 @@ def make_all(
     older = not index.exists() or index.stat().st_mtime < tally.newest  # an interrupted run wrote none
     is_new = tally.counts["made"] or tally.counts["failed"] or older
     if gallery and not tally.disk_full and is_new:
-        _write_gallery(index, bar, tally)
+        from physgen.report.gallery import write_gallery
+
+        if tally.counts.total() > GALLERY_CLIPS:
+            print_error(f"{out}: too many clips for one gallery; physgen gallery shows parts of them")
+        elif out.is_dir():
+            write_gallery([out], index, progress=bar.show, keep=print_backup)
+            bar.clear()
     shown = index if count > 1 and index.exists() else None
     return _sum_up(tally, count, shown, files, options)
 
@@ -278,16 +284,6 @@ def _print_done(done: Done, as_json: bool) -> None:
             print_line(json.dumps(line, ensure_ascii=False, default=str))
     elif done.folder is not None:
         print_line(str(done.folder))
-
-
-def _write_gallery(index: Path, bar: Bar, tally: Tally) -> None:
-    from physgen.report.gallery import write_gallery
-
-    if tally.counts.total() > GALLERY_CLIPS:
-        print_error(f"{index.parent}: too many clips for one gallery; physgen gallery shows parts of them")
-    elif index.parent.is_dir():
-        write_gallery([index.parent], index, progress=bar.show, keep=print_backup)
-        bar.clear()
 
 
 def _sum_up(

@@ -44,15 +44,10 @@ def problem_data(problem: Problem, file: str) -> Data:
     """
     inside = _OBJECT.search(problem.path)
     here = problem.place.file == file and problem.place.line > 0
-    return {
-        "severity": problem.severity.value,
+    return problem.as_dict() | {
         "file": None if here else problem.place.file,
         "line": problem.place.line if here else None,
         "column": problem.place.column if here else None,
-        "path": problem.path,
-        "found": problem.found,
-        "expected": problem.expected,
-        "fix": problem.fix,
         "message": " ".join(part for part in (problem.found, problem.expected) if part),
         "object": inside[1] if inside else None,
     }

@@ -50,8 +50,6 @@ FORMATS = (
     LabelFormat("trajectory", TrajectoryTables, "poses and velocities in px, video px and SI: CSV, npz"),
     LabelFormat("physics", Physics, "masses, coefficients and all other inputs of the motion: JSON"),
 )
-PERCEIVE_OPTIONS = {"depth": " --backend depth=NAME"}
-"""Options of `perceive` that make a map which it does not make by default."""
 FLAG = "--format"
 REMOVED = {
     "tapvid": "write trajectory,davis",
@@ -98,7 +96,7 @@ def check_fits(chosen: Sequence[LabelFormat], scene: Scene, maps: Percepts | Non
             problems.append(Problem(scene.place("size"), "", found, expected, fix))
         elif kind.needs and getattr(maps, kind.needs) is None:
             place = scene.place("assets")
-            option = PERCEIVE_OPTIONS.get(kind.needs, "")
+            option = " --backend depth=NAME" if kind.needs == "depth" else ""  # not made by default
             fix = f"have it made: physgen perceive --refresh {place.file}{option} -o NEW.yaml"
             expected = f"is made of {kind.needs}.png, which is not there"
             problems.append(Problem(place, "assets", found, expected, fix))

@@ -148,6 +148,15 @@ def merge_documents(
         if name not in start.gone:
             now = new["objects"].get(name)
             objects[name] = was if now is None else merge_object(was, now, name in start.prompted)
+            held = was.get("motion")
+            if (
+                now is not None
+                and name in start.prompted
+                and held
+                and held == record.entry(name, was).get("motion")
+            ):
+                moves = {key: now[key] for key in ("motion", "velocity") if key in now}  # the new pixels' own
+                objects[name] = {key: v for key, v in objects[name].items() if key != "motion"} | moves
         if name in renamed and name in objects:
             sources = {key: one for key, one in objects[name].get("from", {}).items() if key != "label"}
             objects[name] |= {"label": renamed[name]} | ({"from": sources} if "from" in was else {})

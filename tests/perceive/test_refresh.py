@@ -86,6 +86,24 @@ def test_a_box_corrects_the_mask_that_it_covers_and_is_asked_again(scene: Path) 
     assert yaml.safe_load(scene.with_name("again.yaml").read_text()) == yaml.safe_load(again.read_text())
 
 
+@pytest.mark.slow
+def test_what_was_held_by_a_wrong_mask_moves_with_a_right_one(perceived: Path, tmp_path: Path) -> None:
+    """A mask that reaches the photo's border is cut off by it, and held; by a box in the photo's middle it is not."""
+    labels = np.zeros((140, 300), np.uint8)
+    labels[45:, 135:165] = 1
+    cv2.imwrite(str(tmp_path / "marked.png"), labels)
+    path, (x, y) = tmp_path / "scene.yaml", CENTRES["ball-2"]
+    options = ["--masks", str(tmp_path / "marked.png"), "--label", "*=ball", "-o", str(path)]
+    assert main(["perceive", str(perceived / "photo.png"), *options]) == 0
+    [(name, held)] = yaml.safe_load(path.read_text())["objects"].items()
+    assert held["motion"] == "static"
+    assert main(["perceive", "--refresh", str(path), "--box", f"{x - 33},{y - 33},66,66"]) == 0
+    now = yaml.safe_load(path.read_text())["objects"][name]
+    assert "motion" not in now
+    assert "velocity" in now
+    assert "so it is held" not in path.read_text()
+
+
 def parts(text: str) -> dict[str, str]:
     """Lines of each object, and of the rest."""
     rest, *objects = re.split(r"^  (?=ball-\d:)", text, flags=re.M)
