@@ -155,8 +155,9 @@ def import_physgen(
         document["light"] = light
     shadows = _find_shadows(percepts, objects, sim)
     if (clean := shadows.clean) is not None:
-        standing = labels if sim.gravity else None
-        clean = refill_background(clean, background, coverage, registry.make("inpaint"), standing)
+        if not shadows.faint:
+            standing = labels if sim.gravity else None
+            clean = refill_background(clean, background, coverage, registry.make("inpaint"), standing)
         percepts = replace(percepts, clean=clean)
         source = provenance("shadows", shadows.confidence)
         document["light"] = light_entry(shadows.light) | {"softness": shadows.softness, "from": source}

@@ -129,7 +129,8 @@ def perceive(
         )
         standing = found.labels if boundaries.view is View.SIDE else None
         again = partial(refill_background, inpaint=partial(run.crew.call, "inpaint"), standing=standing)
-        cleaning = shadows.clean is not None and beside.submit(again, shadows.clean, background, coverage)
+        refilled = shadows.clean is not None and not shadows.faint
+        cleaning = beside.submit(again, shadows.clean, background, coverage) if refilled else None
         labels, doubtful = document.with_doubtful(found.labels, found.doubtful)
         kept = {i: name for i, name in names.before.items() if i not in names.renamed}
         called = document.object_names(objects, kept)
@@ -156,7 +157,7 @@ def perceive(
         unknown = (document.unknown_label(t.label) for t in objects if t.id in names.renamed)
         warnings = tuple(dict.fromkeys(problem for problem in unknown if problem))
         suits = judge_suitability(rgb, found, objects, boundaries)
-        clean = cleaning.result() if cleaning else None
+        clean = cleaning.result() if cleaning else shadows.clean
         run.crew.release("inpaint")
         percepts = Percepts(
             rgb=rgb, labels=labels, coverage=coverage, background=background, clean=clean, shadows=shadows.owners,

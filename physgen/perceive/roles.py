@@ -151,6 +151,8 @@ class Shadows:
     backdrop: float | None
     """px from the objects back to an upright wall that shadows fall on."""
     confidence: float
+    faint: bool = False
+    """Whether so little was removed that `clean` needs no refill behind objects."""
 
 
 @dataclass(frozen=True)

@@ -207,6 +207,59 @@ def test_shadows_that_fan_out_under_a_near_lamp_leave_no_marks() -> None:
 # soft light from all sides leaves it dark about feet and rims
 
 
+DISCS = [(100.0, 90.0, 24.0), (250.0, 80.0, 24.0), (380.0, 150.0, 24.0), (160.0, 220.0, 24.0)]
+
+
+def ice() -> np.ndarray:
+    """(H, W, 3) linear: two colours in wide stripes, and grain."""
+    grain = cv2.GaussianBlur(np.random.default_rng(5).normal(0, 1, (HEIGHT, WIDTH)), (0, 0), 1.0)
+    stripe = (np.arange(WIDTH) // 120 % 2 == 0)[None, :, None]
+    picture = np.where(stripe, np.array([0.5, 0.55, 0.6]), np.array([0.15, 0.2, 0.5]))
+    return picture * np.exp(0.03 * grain / grain.std())[..., None]
+
+
+def stones(dark: float, moved: tuple[int, int] = (0, 0)) -> tuple[Shadows, np.ndarray, np.ndarray]:
+    """What the role says of stones on ice, (H, W) how far each pixel is from their rims, and the ice in the light.
+
+    Light at a rim falls by `dark` and comes back with distance; `moved`: the dark rims lie elsewhere.
+    """
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    labels, things = np.zeros((HEIGHT, WIDTH), np.uint16), []
+    away = np.full((HEIGHT, WIDTH), 1e3)
+    for k, (cx, cy, r) in enumerate(DISCS, 1):
+        labels[np.hypot(x - cx, y - cy) <= r] = k
+        things.append(PhotoObject(k, Disc(np.array([cx, cy]), r), "curling stone"))
+        away = np.minimum(away, np.abs(np.hypot(x - cx - moved[0], y - cy - moved[1]) - r))
+    lit = ice()
+    background = srgb(lit * np.exp(-dark * np.exp(-away / 6))[..., None])
+    found = lift(background, labels, things, (), View.TOP)
+    return found, np.where(labels > 0, -1.0, away), srgb(lit)
+
+
+def test_rims_of_stones_are_found_and_lifted() -> None:
+    found, away, lit = stones(0.35)
+    assert found.clean is not None
+    assert found.faint, "little was lifted: the first fill is kept"
+    near = (away > 2) & (away < 8)
+    before = np.abs(srgb(ice() * np.exp(-0.35 * np.exp(-away / 6))[..., None]).astype(int) - lit)[near].mean()
+    after = np.abs(found.clean.astype(int) - lit)[near].mean()
+    assert after < 0.5 * before
+    assert found.owners is not None
+    told = found.owners > 0
+    assert told[(away > 2) & (away < 5)].mean() > 0.8
+    assert not told[away > 25].any()
+    assert np.unique(found.owners[told]).tolist() == [1, 2, 3, 4]
+
+
+def test_no_rims_none_found() -> None:
+    assert stones(0.0)[0].clean is None
+    assert stones(0.0)[0].owners is None
+
+
+def test_dark_rings_that_lie_beside_the_stones_are_paint() -> None:
+    assert stones(0.35, moved=(0, -70))[0].clean is None
+
+
 def plank(dark: float) -> tuple[Shadows, np.ndarray]:
     """What the role says of a plank on two feet under an even sky, and (H, W) where it must be dark: below it."""
     labels = np.zeros((HEIGHT, WIDTH), np.uint16)

@@ -28,12 +28,14 @@ from physgen.perceive.roles import (
     Shadow,
     Shadows,
 )
+from physgen.perceive.shadow.ambient_shade import AmbientShade, extend_behind_objects, find_ambient_shade
 from physgen.perceive.shadow.shadow_fit import FULL, deviation_penalty, with_direct_share, with_direction
 from physgen.perceive.shadow.shadow_removal import (
     HUES,
     hue_weights,
     mean_of_kind,
     shadow_owners,
+    shadow_owners_by_model,
 )
 from physgen.perceive.shadow.side_view import side_view_shadows
 from physgen.perceive.shadow.silhouettes import (
@@ -74,7 +76,10 @@ def _geometry(
         return nothing
     setting, score, factor = _search(_coarse_picture(background, coverage, silhouettes, scale), light)
     if score < SURE or factor < 0.15:
-        return nothing
+        shade = find_ambient_shade(background, coverage, at, from_above=True)
+        if shade is None:
+            return nothing
+        return _remove_ambient(background, coverage, shade, at(1.0), light.light)
     setting = replace(_matched(setting, factor), size=(labels.shape[1], labels.shape[0]))
     silhouettes = at(1.0)
     dark = _seen_darkness(background, coverage, silhouettes, setting)
@@ -85,6 +90,27 @@ def _geometry(
     owners = shadow_owners(background, clean, coverage, casts)
     sure = round(min(0.9, score), 2)
     return Shadows(clean, owners, setting.light, round(setting.softness, 1), 4.0, None, sure)
+
+
+def _remove_ambient(
+    background: Rgb,
+    coverage: F32,
+    shade: AmbientShade,
+    silhouettes: Sequence[Silhouette],
+    light: DistantLight,
+) -> Shadows:
+    """The shade of soft light about rims is too faint, and too near, to be seen but on the whole."""
+    found = [
+        (what.id, *cast) for what in silhouettes if (cast := shadow_darkness(what, shade.setting)) is not None
+    ]
+    casts = [(i, box, np.asarray(shade.factor * dark, np.float32)) for i, box, dark in found]
+    dark = np.zeros(coverage.shape, np.float32)
+    for _, (x0, y0, x1, y1), values in casts:
+        dark[y0:y1, x0:x1] += values
+    clean = encode_u8(decode(background) * np.exp(extend_behind_objects(dark, coverage))[..., None])
+    owners = shadow_owners_by_model(coverage, casts, dark)
+    soft = shade.setting.softness
+    return Shadows(clean, owners, light, soft, 4.0, None, shade.confidence, faint=True)
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,8 @@ class _Tuning:
     deep: float = 0.05  # predicted depth that is compared with ...
     faint: float = 0.02  # ... places of less than this
     shaded: float = 0.03  # predicted depth from which a place is no reference for lit surfaces
-    beside: tuple[float, float] = (0.4, 0.15)  # reach of the comparison
+    beside_side: tuple[float, float] = (0.4, 0.15)  # reach of the comparison in a side view
+    beside_top: tuple[float, float] = (0.3, 0.3)  # and in a top view
     nearby: tuple[float, ...] = (0.5, 1.0, 1.5, 2.0)  # shifts at which shade might lie as well, by chance
     sure: float = 6.0  # times chance from which shade is believed (studio photos of the split `tune`)
     seen: float = 0.025  # contrast from which it is believed
@@ -49,11 +50,16 @@ class _Tuning:
     along: tuple[tuple[float, float, float], ...] = (
         (0.7, 0.08, 1.0), (2.0, 0.16, 0.05), (4.0, 0.6, 2e-3), (8.0, 2.0, 1e-5),
     )  # fmt: skip
-    """Reach and weight of like surfaces on a floor: a row is equally far."""
-    smooth: tuple[float, float] = (3.0, 1.2)  # px, standard deviations
+    """Reach and weight of like surfaces on a floor seen from the side: a row is equally far."""
+    around: tuple[tuple[float, float, float], ...] = ((0.5, 0.5, 1.0), (1.0, 1.0, 0.05), (3.0, 3.0, 2e-3))
+    """The same on a table seen from above."""
+    # px, standard deviations; from above the mean of both, both ways
+    smooth: tuple[float, float] = (3.0, 1.2)
     visible: float = 0.4  # share of a place that must be free ...
     least: int = 40  # ... and px of it, to count
     quiet: float = 5e-3  # contrast: no surface is more even
+    # px: widths of the means by which a rim's depth is carried behind it
+    rims: tuple[float, ...] = (30.0, 8.0, 2.0)
 
 
 TUNING = _Tuning()
@@ -75,7 +81,7 @@ class AmbientShade:
 
 
 def find_ambient_shade(
-    background: Rgb, coverage: F32, at: Callable[[float], Sequence[Silhouette]]
+    background: Rgb, coverage: F32, at: Callable[[float], Sequence[Silhouette]], *, from_above: bool
 ) -> AmbientShade | None:
     """`at` gives the silhouettes on a picture so many times smaller. None where no shade is seen."""
     H, W = coverage.shape
@@ -88,10 +94,11 @@ def find_ambient_shade(
     near = (~away_from_objects(coverage, MARGIN)).astype(np.float32)
     free = np.asarray(cv2.resize(near, (w, h), interpolation=cv2.INTER_AREA) == 0)
     size = typical_size(silhouettes)
-    wide = tuple(2 * int(part * size) + 1 for part in TUNING.beside)
+    reach = TUNING.beside_top if from_above else TUNING.beside_side
+    wide = tuple(2 * int(part * size) + 1 for part in reach)
     best: AmbientShade | None = None
     for direct, down in TUNING.skies:
-        model = predicted_darkness(silhouettes, _sky(direct, down, (w, h)))
+        model = predicted_darkness(silhouettes, _sky(direct, down, (w, h), from_above))
         seen = model[free & (model > TUNING.faint)]
         if not seen.size:
             continue
@@ -99,30 +106,44 @@ def find_ambient_shade(
         shaded = model > TUNING.shaded
         beside = cv2.dilate(shaded.astype(np.uint8), np.ones(wide[::-1], np.uint8)) > 0
         beside &= model < TUNING.faint
-        dark = missing_light(picture, free.astype(np.float32), shaded, size)
-        contrast, sure = contrast_over_chance(dark, free, deep, beside, _shifts(size))
+        dark = missing_light(picture, free.astype(np.float32), shaded, size, from_above=from_above)
+        contrast, sure = contrast_over_chance(dark, free, deep, beside, _shifts(size, from_above))
         if contrast < TUNING.seen or sure < TUNING.sure or (best is not None and best.sure >= sure):
             continue
         predicted = float(np.median(model[deep]) - np.median(model[beside & free]))
         factor = min(max(contrast / max(predicted, 1e-3), TUNING.strengths[0]), TUNING.strengths[1])
         full = np.asarray(cv2.resize(dark, (W, H), interpolation=cv2.INTER_LINEAR), np.float32)
-        best = AmbientShade(_sky(direct, down, (W, H)), factor, sure, full)
+        best = AmbientShade(_sky(direct, down, (W, H), from_above), factor, sure, full)
     return best
 
 
-def _sky(direct: float, down: float, size: tuple[int, int]) -> ShadowSetting:
-    light = DistantLight((0.0, -1.0, 0.0), FULL * direct, FULL * (1 - direct))
-    return ShadowSetting(light, TUNING.wide, False, tan(radians(down)), inf, size)
+def extend_behind_objects(dark: F32, coverage: F32) -> F32:
+    """(H, W): behind objects as dark as about their rims, from where the background was filled there."""
+    free = (coverage == 0).astype(np.float32)
+    values = dark * free
+    result = dark.copy()
+    for sigma in TUNING.rims:
+        near = cv2.GaussianBlur(free, (0, 0), sigma)
+        hidden = (free == 0) & (near > 1e-3)
+        result[hidden] = (cv2.GaussianBlur(values, (0, 0), sigma) / np.maximum(near, 1e-6))[hidden]
+    return np.asarray(result, np.float32)
 
 
-def _shifts(size: float) -> list[tuple[int, int]]:
-    """px right and down: where else shade might lie. It is flat, and lies apart a row away."""
+def _sky(direct: float, down: float, size: tuple[int, int], from_above: bool) -> ShadowSetting:
+    towards = (0.0, 0.0, 1.0) if from_above else (0.0, -1.0, 0.0)
+    light = DistantLight(towards, FULL * direct, FULL * (1 - direct))
+    return ShadowSetting(light, TUNING.wide, from_above, tan(radians(down)), inf, size)
+
+
+def _shifts(size: float, from_above: bool) -> list[tuple[int, int]]:
+    """px right and down: where else shade might lie. Seen from the side it is flat, and lies apart a row away."""
     steps = [0.0, *TUNING.nearby, *(-part for part in TUNING.nearby)]
-    downs = [0.6 * part for part in steps if 0 < abs(part) <= 1]
-    return [(int(a * size), int(b * size)) for b in downs for a in steps if abs(a) + abs(b) >= 0.3]
+    downs = steps if from_above else [0.6 * part for part in steps if 0 < abs(part) <= 1]
+    least = 1.0 if from_above else 0.3
+    return [(int(a * size), int(b * size)) for b in downs for a in steps if abs(a) + abs(b) >= least]
 
 
-def missing_light(background: Rgb, free: F32, shaded: Mask, size: float) -> F32:
+def missing_light(background: Rgb, free: F32, shaded: Mask, size: float, *, from_above: bool) -> F32:
     """(H, W) -log of the light that surfaces miss against like ones nearby, smooth.
 
     `free`: 1 where no object is near. `shaded`: places that may lie in shade, and are no reference.
@@ -130,10 +151,11 @@ def missing_light(background: Rgb, free: F32, shaded: Mask, size: float) -> F32:
     linear = decode(background)
     bright = np.log(luminance(linear) + DARKEST).astype(np.float32)
     plain = free * ~shaded
-    reaches = [(a * size, d * size, gain) for a, d, gain in TUNING.along]
+    reaches = [(a * size, d * size, gain) for a, d, gain in (TUNING.around if from_above else TUNING.along)]
     level = mean_of_kind(bright, plain, hue_weights(linear, plain, 4000), reaches, tiny=1e-9)
-    near = np.maximum(blur_wide(free, *TUNING.smooth), 1e-2)
-    return np.asarray(blur_wide((level - bright) * free, *TUNING.smooth) / near, np.float32)
+    across, down = (sum(TUNING.smooth) / 2,) * 2 if from_above else TUNING.smooth
+    near = np.maximum(blur_wide(free, across, down), 1e-2)
+    return np.asarray(blur_wide((level - bright) * free, across, down) / near, np.float32)
 
 
 def contrast_over_chance(

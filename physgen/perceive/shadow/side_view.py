@@ -138,7 +138,7 @@ def _soft_shade(photo: _Photo, guess: LightGuess) -> Shadows | None:
     if bottom >= photo.size[1] - 1:
         return None
     at = partial(photo.silhouettes, floor=bottom)
-    shade = find_ambient_shade(photo.background, photo.coverage, at)
+    shade = find_ambient_shade(photo.background, photo.coverage, at, from_above=False)
     if shade is None:
         return None
     fit = LightFit(shade.setting, 0.0, shade.factor, shade.factor)
