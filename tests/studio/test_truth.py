@@ -358,7 +358,7 @@ def test_film_shows_things_where_its_poses_say(name: str) -> None:
         for entry in t.told["objects"]:
             if entry["name"] not in film["objects"]:
                 continue
-            x, y, degrees = film["objects"][entry["name"]][k]
+            x, y, degrees = film["objects"][entry["name"]][k][:3]
             a, (cx, cy) = np.radians(degrees), starts[entry["name"]]
             matrix = np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0]])
             matrix[:, 2] = [x, y] - matrix[:, :2] @ [cx, cy]
