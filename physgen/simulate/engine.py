@@ -23,9 +23,11 @@ from physgen.scene.scene import Motion
 from physgen.simulate.collisions import Impacts, ImpactSolver, StepMotion, WorkBudget
 from physgen.simulate.contacts import (
     CONTACT_BYTES,
+    NO_CONTACTS,
     WORDS,
     Array,
     ContactProperties,
+    Order,
     any_closes,
     contact_points,
     contacts_jumped,
@@ -42,7 +44,7 @@ from physgen.simulate.forces import (
     stiffest_spring,
 )
 from physgen.simulate.joints import Assemblies
-from physgen.simulate.recorder import DIVERGED_FIX, UNKNOWN_PLACE, Recorder, Step, StepLog
+from physgen.simulate.recorder import DIVERGED_FIX, NOT_BRAKED, UNKNOWN_PLACE, Recorder, Step, StepLog
 from physgen.simulate.space import Space
 from physgen.simulate.step_control import Governor, StepDivider
 from physgen.simulate.trajectory import Effort, Trajectory
@@ -292,7 +294,7 @@ class Running:
         if self._ledger.add(step):
             ledger, since = self._ledger, self._stepper.steps - self._reviewed
             self._reviewed = self._stepper.steps
-            contacts = len(step.words) // CONTACT_BYTES
+            contacts = len(step.numbers) // CONTACT_BYTES
             self._governor.review(since, contacts, ledger.residual, ledger.overlap, h)
 
     def _kicked(self, begin: float, end: float, state: Array) -> list[EnergyEvent]:
@@ -311,8 +313,8 @@ class Running:
         return given
 
 
-Begun = tuple[Forces | None, bytes, bytes, bytes]
-"""Forces of a step; states, words and numbers of contacts that they led to."""
+Begun = tuple[Forces | None, bytes, Order, bytes]
+"""Forces of a step; states, contacts and their numbers that they led to."""
 
 
 class Stepper:
@@ -340,7 +342,7 @@ class Stepper:
         self._wide = np.concatenate([self._center, np.zeros((len(walls), 3))])
         self._fast = np.zeros_like(self._wide)
         self._cornered = any(b.radius is None for b in bodies)
-        self._words = self._numbers = self._states = b""
+        self._order, self._numbers, self._states = NO_CONTACTS, b"", b""
         self._calm = True
         self._begun: Begun | None = None
         """Forces and outcome of the next step, where it was taken already."""
@@ -387,8 +389,10 @@ class Stepper:
         if self.suspicious or self._begun or (self._governor.crowded and not self._calm):
             return None
         self._space.iterations = self._governor.sweeps
-        _, _, words, numbers = self._begun = self._begin(end, h, None)
-        if self._leaps(numbers) or (words != self._words and new_contacts(words, self._words)):
+        _, _, order, numbers = self._begun = self._begin(end, h, None)
+        if self._leaps(order, numbers) or (
+            order is not self._order and new_contacts(order.words, self._order.words)
+        ):
             return None
         return self._end(end, h, None, None, None, [], [])
 
@@ -397,17 +401,23 @@ class Stepper:
         load: Forces | None = None
         if self._lasting.pushes:
             placed = self.state() if state is None else state
-            alone = state is None and not self._words and not self._joined.busy
+            alone = state is None and not self._numbers and not self._joined.busy
             load = self._lasting.push(placed, end, h, first=first, alone=alone)
             every = len(load.total) == len(placed)
             self._space.push(load.total if every else load.total[self._space.moving])
-        if self._lasting.accounts:
-            self._space.brake(self._lasting.torques)
+        resistance = self._lasting.resistance
+        if resistance.busy:
+            self._space.brake(resistance.brakes.pairs, resistance.torques)
         return load, *self._space.step(h)
 
-    def _leaps(self, numbers: bytes) -> bool:
+    def _leaps(self, order: Order, numbers: bytes) -> bool:
         """Whether a contact is elsewhere at once."""
-        return self._cornered and contacts_jumped(np.frombuffer(numbers), np.frombuffer(self._numbers))
+        if not self._cornered or len(numbers) != len(self._numbers):
+            return False
+        before = self._numbers
+        if order is not self._order:
+            numbers, before = order.sort(numbers), self._order.sort(before)
+        return contacts_jumped(np.frombuffer(numbers), np.frombuffer(before))
 
     def take(
         self, end: float, h: float, state: Array | None, kicks: list[EnergyEvent], first: bool = False
@@ -421,18 +431,18 @@ class Stepper:
             state = self.state().copy()
         self._space.iterations = 1 if probing else self._governor.sweeps
         for attempt in range(ATTEMPTS):
-            load, states, words, numbers = self._begun = self._begun or self._begin(end, h, state, first)
+            load, states, order, numbers = self._begun = self._begun or self._begin(end, h, state, first)
             impact = None
             # the last try is taken as it comes: what still closes then does not bounce
             new: Sequence[int] | None = None
-            if not (self.suspicious or self._leaps(numbers)):  # the first step is one, too
-                new = new_contacts(words, self._words) if words != self._words else ()
+            if not (self.suspicious or self._leaps(order, numbers)):  # the first step is one, too
+                new = new_contacts(order.words, self._order.words) if order is not self._order else ()
             if attempt < ATTEMPTS - 1 and (new is None or new):
                 if state is None:
                     state = self.state().copy()
                 after = np.frombuffer(states, np.float64).reshape(-1, 6)
                 motion = after[:, :3], state[:, 3:]
-                impact = self._strike(*motion, words, numbers, h, new, first, load)
+                impact = self._strike(*motion, order, numbers, h, new, first, load)
             if impact is None and not probing:
                 break
             assert state is not None
@@ -463,7 +473,7 @@ class Stepper:
     ) -> Step:
         """The step that was begun, once it is as it will stay; motors had part of their strength."""
         assert self._begun is not None
-        (load, states, words, numbers), self._begun = self._begun, None
+        (load, states, order, numbers), self._begun = self._begun, None
         self.steps += 1
         self._calm = original is None
         driven = 0.0
@@ -479,21 +489,23 @@ class Stepper:
             states = exact.tobytes()
         self.stirred |= not self._calm
         self._within = before, self._states
-        self._words, self._numbers, self._states, self.suspicious = words, numbers, states, False
-        settled = NOTHING
-        if self._lasting.accounts:
-            braked = self._space.braked()
-            settled = self._lasting.settle(load, self.within, self.state(), (words, numbers), braked, h)
+        self._order, self._numbers, self._states, self.suspicious = order, numbers, states, False
+        settled, braked, resistance = NOTHING, NOT_BRAKED, self._lasting.resistance
+        if load is not None:
+            settled = self._lasting.settle(load, self.within, self.state(), h)
+            self._lasting.begin()
+        if resistance.busy:
+            braked = resistance.brakes.array, self._space.braked()
+            resistance.follow(order, numbers, h)
         if driven:
             settled = replace(settled, work=settled.work + driven)
-        self._lasting.begin()
-        return Step(end, states, words, numbers, before, original, impacts, settled, kicks)
+        return Step(end, states, order, numbers, before, original, impacts, settled, braked, kicks)
 
     def _strike(
         self,
         pose: Array,
         velocity: Array,
-        words: bytes,
+        order: Order,
         numbers: bytes,
         h: float,
         new: Sequence[int] | None,
@@ -508,14 +520,15 @@ class Stepper:
         threshold = self._governor.threshold(h)
         wide, fast = self._wide, self._fast
         wide[self._space.moving], fast[self._space.moving] = pose, velocity
-        rows = range(len(words) // CONTACT_BYTES) if new is None else new
+        words, numbers = order.words, order.sort(numbers)
+        rows = range(len(order.listed)) if new is None else new
         if len(rows) <= FEW and not any_closes(words, numbers, rows, wide, fast, threshold):
             return None
         points = contact_points(words, numbers, wide, fast)
         if not (points.closing > threshold).any():
             return None
-        were = words if first else self._words
-        touched = np.ones(len(words) // CONTACT_BYTES, bool)
+        were = words if first else self._order.words
+        touched = np.ones(len(order.listed), bool)
         touched[[*new_contacts(words, were)]] = False
         if new is not None:
             points.closing[touched[points.row]] = 0.0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from math import pi
 
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from physgen.compile.world import Body, Joint, World
 from physgen.geometry.polygon import Array, polygon_moments
 from physgen.scene.scene import FieldKind, JointKind, Load, Motion
-from physgen.simulate.friction import Pair, Resistance, Table
+from physgen.simulate.friction import Resistance, Table
 
 
 def spring_joints(world: World) -> list[Joint]:
@@ -257,8 +256,7 @@ class StepForces:
     def __init__(self, world: World, moving: NDArray[np.int64], loads: ForceFields) -> None:
         bodies = world.bodies
         self._moving, self._loads, self._table = moving, loads, Table(world)
-        self._numbers: list[int] = moving.tolist()
-        self._resistance = Resistance(world)
+        self.resistance = Resistance(world)
         self._center = np.array([[*b.center, 0.0] for b in bodies]).reshape(-1, 3)
         self._dynamic = np.array([b.motion is Motion.DYNAMIC for b in bodies], bool)
         self._scripted = np.array([b.motion is Motion.SCRIPTED for b in bodies], bool)
@@ -276,17 +274,10 @@ class StepForces:
         """What the table does in the next steps while nothing touches, the last first."""
         self.pushes = loads.busy or self._table.busy
         """Whether forces are to be set before a step."""
-        self.accounts = self.pushes or self._resistance.busy
-        """Whether a step has to be settled."""
 
     def begin(self) -> None:
         """The next step: one that is taken again starts from here."""
         self._roll_before = self.roll
-
-    @property
-    def torques(self) -> dict[Pair, float]:
-        """Of the brakes of rolling resistance in the next step, g·px²/s²."""
-        return self._resistance.torques
 
     def drift(self, load: Forces | None) -> Array:
         """(N, 2) px/s²: acceleration of each body while nothing touches it."""
@@ -328,31 +319,18 @@ class StepForces:
         out[self._moving] = rows
         return out
 
-    def settle(
-        self,
-        load: Forces | None,
-        used: Array,
-        state: Array,
-        contacts: tuple[bytes, bytes],
-        braked: Mapping[Pair, float],
-        h: float,
-    ) -> EnergyFlow:
-        """Lost and work of all but contacts in a step from velocities `used` (M, 3) to `state` (M, 6), and the roll."""
-        lost = work = 0.0
-        if load is not None:
-            mean = self._spread((used + state[:, 3:]) / 2, self._nothing)
-            work = 0.0 if load.drive is None else float(np.vdot(load.drive, mean)) * h
-            lost = 0.0 if load.spend is None else -float(np.vdot(load.spend, mean)) * h
-            if self._handed:  # a spring on a scripted body hands on what its script does
-                work -= float(np.vdot(load.total[self._scripted], mean[self._scripted])) * h
-            if load.rolled is not None:
-                # what the table takes from a sphere's motion partly goes into its rolling
-                half = self._roll_before + load.rolled / 2
-                lost -= float(np.vdot(self._moments * load.rolled, half))
-                self.roll = self._roll_before + load.rolled
-        if self._resistance.busy:
-            spins = dict(zip(self._numbers, ((used[:, 2] + state[:, 5]) / 2).tolist(), strict=True))
-            lost += self._resistance.settle(braked, *contacts, spins, h)
+    def settle(self, load: Forces, used: Array, state: Array, h: float) -> EnergyFlow:
+        """Lost and work of forces in a step from velocities `used` (M, 3) to `state` (M, 6), and the roll."""
+        mean = self._spread((used + state[:, 3:]) / 2, self._nothing)
+        work = 0.0 if load.drive is None else float(np.vdot(load.drive, mean)) * h
+        lost = 0.0 if load.spend is None else -float(np.vdot(load.spend, mean)) * h
+        if self._handed:  # a spring on a scripted body hands on what its script does
+            work -= float(np.vdot(load.total[self._scripted], mean[self._scripted])) * h
+        if load.rolled is not None:
+            # what the table takes from a sphere's motion partly goes into its rolling
+            half = self._roll_before + load.rolled / 2
+            lost -= float(np.vdot(self._moments * load.rolled, half))
+            self.roll = self._roll_before + load.rolled
         return EnergyFlow(lost, work, self.roll if self._table.busy else None)
 
 

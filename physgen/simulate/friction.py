@@ -6,7 +6,7 @@ A disc's sliding and spinning share one friction: both end together (Farkas, Bar
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import cache
 from math import atan2, pi
 from types import SimpleNamespace
@@ -17,10 +17,7 @@ from numpy.typing import NDArray
 
 from physgen.compile.world import World
 from physgen.scene.scene import Motion, Solid
-from physgen.simulate.contacts import WORDS, Array, normal_impulses
-
-Pair = tuple[int, int]
-"""Two bodies; -1 for the world."""
+from physgen.simulate.contacts import Array, Brakes, Order, Pair, impulses_and_normals
 
 
 class Resistance:
@@ -31,40 +28,36 @@ class Resistance:
         self._lever = levers + [0.0] * len(world.walls)
         self._static = [b.motion is Motion.STATIC for b in world.bodies] + [True] * len(world.walls)
         self.busy = any(levers) and world.press == 0
-        self.torques: dict[Pair, float] = {}
-        """Of the brakes in the next step, by the normal forces of the last one, g·px²/s²."""
-        self._words, self._braking = b"", list[tuple[Pair, float, list[int]]]()
-        """Contacts as they are listed, and of each two partners that brake: their brake, lever and rows."""
+        self.brakes = Brakes([], np.zeros((0, 2), np.int64), [])
+        """Of the next step."""
+        self.torques: list[float] = []
+        """Of the brakes, by the normal forces of the last step, g·px²/s²."""
 
-    def settle(
-        self, braked: Mapping[Pair, float], words: bytes, numbers: bytes, spins: dict[int, float], h: float
-    ) -> float:
-        """Energy that the brakes took in a step of mean spins by body, rad/s, in g·px²/s²; sets the next torques.
+    def follow(self, order: Order, numbers: bytes, h: float) -> None:
+        """Set the next brakes and torques by a step's contacts."""
+        if order.brakes is None:
+            order.brakes = self._found(order.listed)
+        self.brakes, self.torques = order.brakes, []
+        if not self.brakes.by:
+            return
+        normals = [abs(ix * nx + iy * ny) for ix, iy, nx, ny in impulses_and_normals(numbers)]
+        for lever, rows in self.brakes.by:
+            torque = 0.0
+            for normal in sorted([normals[k] for k in rows]) if len(rows) > 1 else (normals[rows[0]],):
+                torque += lever * normal / h
+            self.torques.append(torque)
 
-        `braked`: the size of the angular impulse that each brake gave, g·px²/s.
-        """
-        lost = 0.0
-        for (first, second), impulse in braked.items():
-            lost += impulse * abs(spins[first] - spins.get(second, 0.0))
-        self.torques = dict.fromkeys(self.torques, 0.0)
-        if words != self._words:
-            self._words, self._braking = words, self._brakes(words)
-        listed: list[float] = np.frombuffer(numbers).tolist()
-        for key, lever, rows in self._braking:
-            for normal in normal_impulses(listed, rows):
-                self.torques[key] = self.torques.get(key, 0.0) + lever * normal / h
-        return lost
-
-    def _brakes(self, words: bytes) -> list[tuple[Pair, float, list[int]]]:
-        pairs, rows = np.frombuffer(words, np.int64).reshape(-1, WORDS)[:, :2], dict[Pair, list[int]]()
-        for k, (a, b) in enumerate(pairs.tolist()):
-            if self._lever[a] + self._lever[b] > 0:
-                rows.setdefault((a, b), []).append(k)
-        found = []
-        for pair, listed in rows.items():
-            a, b = sorted(pair, key=lambda k: (self._lever[k] == 0, k))
-            found.append(((a, -1 if self._static[b] else b), self._lever[a] + self._lever[b], listed))
-        return found
+    def _found(self, listed: NDArray[np.int64]) -> Brakes:
+        levers, rows = dict[Pair, float](), dict[Pair, list[int]]()
+        for k in np.lexsort(listed.T[2::-1]).tolist():
+            a, b = sorted(listed[k, :2].tolist(), key=lambda k: (self._lever[k] == 0, k))
+            if self._lever[a] > 0:
+                pair = a, -1 if self._static[b] else b
+                levers[pair] = self._lever[a] + self._lever[b]
+                rows.setdefault(pair, []).append(k)
+        pairs = list(rows)
+        by = [(levers[pair], rows[pair]) for pair in pairs]
+        return Brakes(pairs, np.array(pairs, np.int64).reshape(-1, 2), by)
 
 
 NODES = 1024

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from itertools import groupby
 from math import ceil
 
 import numpy as np
@@ -16,7 +17,7 @@ from physgen.compile.world import World
 from physgen.problems import InputError, Place, Problem
 from physgen.scene.scene import Motion
 from physgen.simulate.collisions import Impacts
-from physgen.simulate.contacts import CONTACT_BYTES, Array, touching
+from physgen.simulate.contacts import CONTACT_BYTES, Array, Order, touching
 from physgen.simulate.forces import EnergyEvent, EnergyFlow, ForceFields, ScriptedMotion
 from physgen.simulate.trajectory import (
     Contacts,
@@ -144,6 +145,9 @@ BYTES = 2_000_000
 """Of contacts that are held before they are read."""
 
 
+NOT_BRAKED = np.zeros((0, 2), np.int64), list[float]()
+
+
 @dataclass(slots=True)
 class Step:
     """One step as it was read."""
@@ -151,8 +155,10 @@ class Step:
     time: float
     """s, of its end."""
     states: bytes
-    words: bytes
+    order: Order
+    """Of its contacts."""
     numbers: bytes
+    """Of them, as they are listed."""
     before: Array | None
     """(M, 3): velocities within the step; None: as the step before left them."""
     original: Array | None
@@ -160,6 +166,8 @@ class Step:
     impacts: list[Impacts]
     settled: EnergyFlow
     """What lasting forces did in it."""
+    braked: tuple[Index, list[float]]
+    """(B, 2) and g·px²/s: angular impulses between bodies, or the world, -1, by rolling resistance."""
     kicks: list[EnergyEvent]
 
 
@@ -258,7 +266,7 @@ class Recorder:
         flow = np.zeros((len(steps), 2))
         if not self.motion_only:
             flow = self._contacts(steps, pose, self._all(before), self._all(after))
-            flow[:, 0] += [step.settled.lost for step in steps]
+            flow[:, 0] += [step.settled.lost for step in steps] + self._braked(steps, mean[:, :, 2])
             flow[:, 1] += [step.settled.work for step in steps]
         ends = np.array([step.time for step in steps])
         # at a step's end half of what it did is done: its velocities are those of the middle of two steps
@@ -292,13 +300,25 @@ class Recorder:
         out[:, self.moving] = moving
         return out
 
+    def _braked(self, steps: list[Step], spin: Array) -> Array:
+        """(S,) lost to rolling resistance; spin (S, N)."""
+        row = np.repeat(np.arange(len(steps)), [len(step.braked[1]) for step in steps])
+        pairs = np.concatenate([step.braked[0] for step in steps])
+        still = np.pad(spin, ((0, 0), (0, 1)))  # -1: the world
+        turned = np.abs(still[row, pairs[:, 0]] - still[row, pairs[:, 1]])
+        impulse = np.array([one for step in steps for one in step.braked[1]])
+        return np.bincount(row, impulse * turned, len(steps)).astype(np.float64)
+
     def _contacts(self, steps: list[Step], pose: Array, before: Array, after: Array) -> Array:
         """(S, 2) lost and work of the steps' contacts; impacts go into their own list, and all into the log."""
         S, W = len(steps), len(self.world.walls)
         ends = np.array([step.time for step in steps])
-        counts = [len(step.words) // CONTACT_BYTES for step in steps]
-        row = np.repeat(np.arange(S), counts)
-        touch = touching(b"".join(step.words for step in steps), b"".join(step.numbers for step in steps))
+        row = np.repeat(np.arange(S), [len(step.numbers) // CONTACT_BYTES for step in steps])
+        alike = [(order, list(some)) for order, some in groupby(steps, lambda step: step.order)]
+        touch = touching(
+            b"".join(order.words * len(some) for order, some in alike),
+            b"".join(order.sort(b"".join(step.numbers for step in some)) for order, some in alike),
+        )
         first, second, impulse, count = touch.first, touch.second, touch.impulse, touch.count
         points, normal = (touch.on_first + touch.on_second) / 2, touch.normal
 
@@ -496,7 +516,7 @@ class StepLog:
         """Keep a step; all are let go once they are too many."""
         if self._begin is None:
             return
-        self._held += len(step.states) + len(step.words) + len(step.numbers)
+        self._held += len(step.states) + len(step.numbers)
         self._steps.append(step)
         if self._held > self._most:
             self._steps, self._begin, self._ledger = [], None, None
