@@ -227,6 +227,10 @@ def _turned(at: Array, angle: float) -> Array:
     return np.array([c * at[0] - s * at[1], s * at[0] + c * at[1]])
 
 
+FORESEEN = 32
+"""Steps for which forces are found together while nothing touches."""
+
+
 @dataclass(frozen=True)
 class Forces:
     """Lasting forces of one step, each (N, 3): g·px/s², g·px/s², g·px²/s²."""
@@ -303,13 +307,37 @@ class StepForces:
             trial = trial + self._fall * part if self._falls else trial
             alone &= not (self._loads.busy or self._falls)
             if not (alone and self._foreseen):
-                self._foreseen = self._table.foreseen(trial, self._roll_before, part, 32 if alone else 1)
+                self._foreseen = self._table.foreseen(
+                    trial, self._roll_before, part, FORESEEN if alone else 1
+                )
             change, rolled = self._foreseen.pop()
             grip = change * self._weight
             grip /= h
             spend = grip if load.spend is None else load.spend + grip
             load = Forces(load.total + grip if self._loads.busy else grip, load.drive, spend, rolled)
         return load
+
+    def foreseen(self, state: Array, h: Array) -> Array:
+        """(F, M, 3) px/s², px/s², rad/s²: of what moves, in steps of h (F, 1, 1) s in which nothing touches."""
+        if not self._table.busy:
+            return np.broadcast_to(self._fall[self._moving], (len(h), len(state), 3))
+        if not self._foreseen:
+            velocity = self._spread(state[:, 3:], self._nothing)
+            self._foreseen = self._table.foreseen(velocity, self.roll, float(h[0, 0, 0]), FORESEEN)
+        changes = np.array([change for change, _ in self._foreseen[: -len(h) - 1 : -1]])
+        self._grips = changes * self._weight / h[: len(changes)]
+        return (self._grips * (1 / self._weight))[:, self._moving]
+
+    def settle_flight(self, velocity: Array, h: Array) -> list[EnergyFlow]:
+        """As `settle`, of the first steps that `foreseen` told of: velocities (F + 1, M, 3), h (F, 1, 1) s."""
+        F, mean = len(h), (velocity[1:] + velocity[:-1]) / 2
+        rolled = np.array([rolled for _, rolled in self._foreseen[: -F - 1 : -1]])
+        rolls = np.cumsum(np.concatenate([self.roll[None], rolled]), axis=0)
+        lost = -((self._grips[:F, self._moving] * mean).sum(axis=(1, 2)) * h[:, 0, 0])
+        lost -= (self._moments * rolled * (rolls[:-1] + rolled / 2)).sum(axis=(1, 2))
+        del self._foreseen[-F:]
+        self.roll = self._roll_before = rolls[-1]
+        return [EnergyFlow(one, 0.0, roll) for one, roll in zip(lost.tolist(), rolls[1:], strict=True)]
 
     def _spread(self, rows: Array, others: Array) -> Array:
         """(M, 3) of the bodies that move -> (N, 3) of all."""

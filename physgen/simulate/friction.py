@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cache
 from math import atan2, pi
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -60,6 +59,8 @@ class Resistance:
         return Brakes(pairs, np.array(pairs, np.int64).reshape(-1, 2), by)
 
 
+MANY = 8
+"""Bodies up to which plain numbers are quicker than arrays."""
 NODES = 1024
 """Of the tables of friction by the ratio of sliding to spinning."""
 
@@ -87,12 +88,6 @@ class Table:
         lever = share / np.maximum(r, 1e-300)
         self._of_balls = [r, lever, 1 / (1 + share), grip[k] * world.press, slow, slow / (1 + share)]
         """(B,) each; the last, rad/s², are what rolling resistance takes from the roll, sliding and not."""
-        self._arrays = SimpleNamespace(
-            angle=np.arctan2, least=np.minimum, most=np.maximum, choice=np.where, parts=_parts
-        )
-        self._plain = SimpleNamespace(
-            angle=atan2, least=min, most=max, choice=lambda flag, a, b: a if flag else b, parts=_plain_parts
-        )
 
     def foreseen(self, velocity: Array, roll: Array, h: float, steps: int) -> list[tuple[Array, Array]]:
         """Changes of velocity (N, 3) and roll (N, 2) in each of some steps of h seconds, the last first, while nothing
@@ -101,16 +96,16 @@ class Table:
         motion, out = np.array([v, velocity[:, 2], rolls]), np.zeros((steps, 3, len(v)), complex)
         moves = np.asarray(motion.any(axis=0))
         moves[self._roll_on(v, velocity[:, 2], rolls, h, out)] = False
-        kinds = (self._slide, self._discs, self._of_discs), (self._roll, self._balls, self._of_balls)
-        for kind, listed, of in kinds:
+        kinds = (_slide, _slides, self._discs, self._of_discs), (_roll, _rolls, self._balls, self._of_balls)
+        for several, one, listed, of in kinds:
             mine = np.flatnonzero(moves[listed])
-            if len(mine) > 8:  # of fewer, plain numbers are quicker than arrays
+            if len(mine) > MANY:
                 on, values = listed[mine], [v[mine] for v in of]
-                out[:, :, on] = _path(kind, self._arrays, values, motion[:, on], h, steps)
+                out[:, :, on] = _path(several, values, motion[:, on], h, steps)
                 continue
             for k in mine.tolist():
                 on, values = listed[k], [v[k].item() for v in of]
-                out[:, :, on] = _path(kind, self._plain, values, motion[:, on].tolist(), h, steps)
+                out[:, :, on] = one(*values, *motion[:, on].tolist(), h, steps)
         change, turn, rolled = out[::-1].swapaxes(0, 1)
         changes = np.stack([change.real, change.imag, turn.real], axis=2)
         return list(zip(changes, np.stack([rolled.real, rolled.imag], axis=2), strict=True))
@@ -128,51 +123,63 @@ class Table:
         out[:, 1, self._balls[k]] = -np.sign(spin[k]) * np.clip(left, 0, lost)
         return self._balls[k]
 
-    def _slide(self, do: Any, of: Any, v: Any, spin: Any, roll: Any, h: float) -> tuple[Any, Any, Any]:
-        """Changes of a disc's velocity, spin and roll, by friction as it is after half the time."""
-        half, turn = self._slid(do, of, v, spin, h / 2, v, spin)
-        return *self._slid(do, of, v, spin, h, v + half, spin + turn), 0 * roll
 
-    def _slid(self, do: Any, of: Any, v: Any, spin: Any, h: float, at: Any, at_spin: Any) -> tuple[Any, Any]:
-        """Changes by friction as it is at other speeds; never beyond rest."""
-        grip, mass, patch, moment, ring = of
-        pull, twist = do.parts(do.angle(abs(at), patch * abs(at_spin)), ring)
-        now, spins, least = abs(v), abs(spin), grip * h
-        # the direction is that of the motion; nothing is turned round by friction
-        brake = do.least(pull * least, now) / do.most(now, 1e-300)
-        slowed = do.least(twist * grip * mass * patch / moment * h, spins)
-        # less than a step before both end, they end
-        ends = (spins * moment <= least * mass * patch) & (now + patch * spins <= least)
-        turn = do.choice(spin > 0, -slowed, slowed)
-        return do.choice(ends, -v, -brake * v), do.choice(ends, -spin, turn)
-
-    def _roll(self, do: Any, of: Any, v: Any, spin: Any, roll: Any, h: float) -> tuple[Any, Any, Any]:
-        """Changes of a sphere's velocity, spin and roll."""
-        r, lever, gives, grip, lost_sliding, lost_rolling = of
-        slip = v - 1j * r * roll  # of the lowest point over the table
-        speed = abs(slip)
-        stick = speed * gives
-        brake = do.least(grip * h, stick)
-        change = -brake / do.most(speed, 1e-300) * slip
-        turned = 1j * lever * change
-        # a moment of c x normal force x radius; once a ball rolls it slows both motions alike
-        rolls, now = brake >= stick * (1 - 1e-12), roll + turned
-        stop = do.least(do.choice(rolls, lost_rolling, lost_sliding) * h / do.most(abs(now), 1e-300), 1.0)
-        # it brakes a spin on the spot as well: of a billiard ball by 8.6 rad/s², where Alciatore measures 10
-        twist = do.choice(spin > 0, -1.0, 1.0) * do.least(
-            do.choice(grip > 0, lost_sliding, 0.0) * h, abs(spin)
-        )
-        return change - do.choice(rolls, stop, 0.0) * (v + change), twist, turned - stop * now
-
-
-def _path(kind: Callable[..., Any], do: Any, of: Any, motion: Any, h: float, steps: int) -> list[Any]:
-    """Changes of velocity, spin and roll in each step, of one body or of several."""
+def _path(kind: Callable[..., Any], of: list[Array], motion: Array, h: float, steps: int) -> list[Any]:
+    """Changes of velocity, spin and roll in each step, of several bodies."""
     v, spin, roll = motion
     spin, changes = spin.real, []
     for _ in range(steps):
-        changes.append(kind(do, of, v, spin, roll, h))
+        changes.append(kind(of, v, spin, roll, h))
         v, spin, roll = (now + change for now, change in zip((v, spin, roll), changes[-1], strict=True))
     return changes
+
+
+def _slide(of: list[Array], v: Array, spin: Array, roll: Array, h: float) -> tuple[Array, Array, Array]:
+    """Changes of discs' velocity, spin and roll, by friction as it is after half the time."""
+    half, turn = _slid(of, v, spin, h / 2, v, spin)
+    return *_slid(of, v, spin, h, v + half, spin + turn), 0 * roll
+
+
+def _slid(of: list[Array], v: Array, spin: Array, h: float, at: Array, at_spin: Array) -> tuple[Array, Array]:
+    """Changes by friction as it is at other speeds; never beyond rest."""
+    grip, mass, patch, moment, ring = of
+    pull, twist = _parts(np.arctan2(abs(at), patch * abs(at_spin)), ring)
+    now, spins, least = abs(v), abs(spin), grip * h
+    # the direction is that of the motion; nothing is turned round by friction
+    brake = np.minimum(pull * least, now) / np.maximum(now, 1e-300)
+    slowed = np.minimum(twist * grip * mass * patch / moment * h, spins)
+    # less than a step before both end, they end
+    ends = (spins * moment <= least * mass * patch) & (now + patch * spins <= least)
+    return np.where(ends, -v, -brake * v), np.where(ends, -spin, np.where(spin > 0, -slowed, slowed))
+
+
+def _slides(
+    grip: float, mass: float, patch: float, moment: float, ring: bool,
+    v: complex, spin: complex, roll: complex, h: float, steps: int,
+) -> Array:  # fmt: skip
+    """(steps, 3): the same of one disc, in some steps."""
+    _, forces, torques = _listed_shares(ring)
+    wide, most = (NODES - 1) / (pi / 2), NODES - 2
+    out, turns = np.zeros((steps, 3), complex), spin.real
+    for k in range(steps):
+        now, spins, sign = abs(v), abs(turns), -1.0 if turns > 0 else 1.0
+        change, turn = 0j, 0.0
+        for span in (h / 2, h):
+            least, place = grip * span, atan2(abs(v + change), patch * abs(turns + turn)) * wide
+            node = int(place) if place < most else most
+            part = place - node
+            pull = forces[node] + part * (forces[node + 1] - forces[node])
+            twist = torques[node] + part * (torques[node + 1] - torques[node])
+            if now + patch * spins <= least and spins * moment <= least * mass * patch:
+                change, turn = -v, -turns
+                continue
+            change = -(min(pull * least, now) / (now or 1e-300)) * v
+            turn = sign * min(twist * grip * mass * patch / moment * span, spins)
+        out[k, :2] = change, turn
+        v, turns = v + change, turns + turn
+        if not (v or turns):
+            break
+    return out
 
 
 def _parts(ratio: Array, ring: Any) -> list[Array]:
@@ -182,12 +189,48 @@ def _parts(ratio: Array, ring: Any) -> list[Array]:
     return [np.where(ring, np.interp(ratio, nodes, b), np.interp(ratio, nodes, a)) for a, b in both]
 
 
-def _plain_parts(ratio: float, ring: bool) -> tuple[float, float]:
-    """The same, of one body."""
-    _, forces, torques = _listed_shares(ring)
-    k = int(min(NODES - 2, ratio * ((NODES - 1) / (pi / 2))))
-    part = ratio * ((NODES - 1) / (pi / 2)) - k
-    return forces[k] + part * (forces[k + 1] - forces[k]), torques[k] + part * (torques[k + 1] - torques[k])
+def _roll(of: list[Array], v: Array, spin: Array, roll: Array, h: float) -> tuple[Array, Array, Array]:
+    """Changes of spheres' velocity, spin and roll."""
+    r, lever, gives, grip, lost_sliding, lost_rolling = of
+    slip = v - 1j * r * roll  # of the lowest point over the table
+    speed = abs(slip)
+    stick = speed * gives
+    brake = np.minimum(grip * h, stick)
+    change = -brake / np.maximum(speed, 1e-300) * slip
+    turned = 1j * lever * change
+    # a moment of c x normal force x radius; once a ball rolls it slows both motions alike
+    rolls, now = brake >= stick * (1 - 1e-12), roll + turned
+    stop = np.minimum(np.where(rolls, lost_rolling, lost_sliding) * h / np.maximum(abs(now), 1e-300), 1.0)
+    # it brakes a spin on the spot as well: of a billiard ball by 8.6 rad/s², where Alciatore measures 10
+    twist = np.where(spin > 0, -1.0, 1.0) * np.minimum(np.where(grip > 0, lost_sliding, 0.0) * h, abs(spin))
+    return change - np.where(rolls, stop, 0.0) * (v + change), twist, turned - stop * now
+
+
+def _rolls(
+    r: float, lever: float, gives: float, grip: float, lost_sliding: float, lost_rolling: float,
+    v: complex, spin: complex, roll: complex, h: float, steps: int,
+) -> Array:  # fmt: skip
+    """(steps, 3): the same of one sphere, in some steps."""
+    out, turns, twists = np.zeros((steps, 3), complex), spin.real, (lost_sliding if grip > 0 else 0.0) * h
+    across, levers = 1j * r, 1j * lever
+    for k in range(steps):
+        slip = v - across * roll
+        speed = abs(slip)
+        stick = speed * gives
+        brake = min(grip * h, stick)
+        change = -brake / (speed or 1e-300) * slip
+        turned = levers * change
+        now, rolls = roll + turned, brake >= stick * (1 - 1e-12)
+        stop = min((lost_rolling if rolls else lost_sliding) * h / (abs(now) or 1e-300), 1.0)
+        twist = (-1.0 if turns > 0 else 1.0) * min(twists, abs(turns))
+        if rolls:
+            change -= stop * (v + change)
+        turned -= stop * now
+        out[k] = change, twist, turned
+        v, turns, roll = v + change, turns + twist, roll + turned
+        if not (v or turns or roll):
+            break
+    return out
 
 
 @cache
