@@ -399,7 +399,7 @@ class Stepper:
         """Velocities (N, 3) that joints allow, and the energy of what they forbid, which is lost at once."""
         if not self._joined.busy:
             return velocity, 0.0
-        allowed, _ = self._joined.hold(pose, velocity, self._inverse, 1.0, None)
+        allowed, _ = self._joined.hold(pose, velocity, 1.0, None)
         weight = 1 / self._inverse[self._dynamic]
         return allowed, float((weight * (velocity**2 - allowed**2)[self._dynamic]).sum() / 2)
 
@@ -531,7 +531,7 @@ class Stepper:
                 # the first try pushed overlaps apart that the impacts have undone
                 exact[:, :3] = state[:, :3] + state[:, 3:] * h
             if self._joined.busy:
-                held, driven = self._joined.hold(*self.everybody(exact), self._inverse, h, strength)
+                held, driven = self._joined.hold(*self.everybody(exact), h, strength)
                 exact[:, 3:] = held[self._space.moving]
             self._space.place(exact)
             states = exact.tobytes()
