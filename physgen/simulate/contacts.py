@@ -22,6 +22,7 @@ WORDS, NUMBERS = 3, 14
 CONTACT_BYTES = 8 * NUMBERS
 """Of the floats."""
 _WORDS, _NUMBERS = Struct(f"={WORDS}q"), Struct(f"={NUMBERS}d")
+_POINTS = np.isin(np.arange(NUMBERS), np.arange(4, 13)).astype(np.float64)
 impulses_and_normals = Struct(f"=4d{8 * (NUMBERS - 4)}x").iter_unpack
 _ON_FIRST, _ON_SECOND, _DISTANCE = ([4, 5, 9, 10], [6, 7, 11, 12], [8, 13])
 
@@ -59,6 +60,8 @@ class Order:
         for k in (np.flatnonzero(ranked[1:] == ranked[:-1]) + 1).tolist():
             start = self._runs.pop()[0] if self._runs and self._runs[-1][1] == k else k - 1
             self._runs.append((start, k + 1))
+        self.places = np.tile(_POINTS, len(listed))
+        """(14 K,): 1 for numbers of points, else 0."""
         self.brakes: Brakes | None = None
         """Once `Resistance` has looked."""
         self._mixed = bool((self._rows[1:] < self._rows[:-1]).any())
@@ -149,15 +152,14 @@ def any_closes(
     return False
 
 
-def contacts_jumped(now: Array, before: Array) -> bool:
+def contacts_jumped(now: bytes, before: bytes, places: Array) -> bool:
     """Whether contacts of the same pairs, in the same order, are elsewhere at once: another corner has come down.
 
-    now, before (14 K,): their numbers.
+    now, before: their numbers (14 K,); places (14 K,): 1 for those of points, else 0.
     """
-    if not len(now) == len(before) > 0:
-        return False
-    off = np.abs((now - before).reshape(-1, NUMBERS)[:, 4:13])
-    return float(np.maximum.reduce(off, axis=None)) > LEAP
+    off = np.frombuffer(now) - np.frombuffer(before)
+    # what moved less all together needs no closer look
+    return bool((off * off).dot(places) > LEAP * LEAP and (np.abs(off) * places).max() > LEAP)
 
 
 @dataclass(frozen=True)

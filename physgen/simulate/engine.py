@@ -254,18 +254,16 @@ class Running:
 
     def _glide(self, last: int) -> bool:
         """Steps, up to the last, in which nothing happens; whether there were any."""
-        begun = self._number
+        begun, stepper = self._number, self._stepper
+        if abs(self._base - self._h) > 1e-9 * self._base:
+            return False
         while self._number < last:
-            begin = self._number * self._base
-            h = (self._number + 1) * self._base - begin
-            if abs(h - self._h) > 1e-9 * h or self._kicks.due(begin + h):
-                break
-            step = self._stepper.glide(begin + h, h)
-            if step is None:
+            begin, end = self._number * self._base, (self._number + 1) * self._base
+            if self._kicks.due(end) or (step := stepper.glide(end, end - begin)) is None:
                 break
             self._number += 1
-            self._record(step, h)
-            if self._stepper.steps % GLIDE == 0:
+            self._record(step, end - begin)
+            if stepper.steps % GLIDE == 0:
                 break
         return self._number > begun
 
@@ -460,12 +458,12 @@ class Stepper:
 
     def _leaps(self, order: Order, numbers: bytes) -> bool:
         """Whether a contact is elsewhere at once."""
-        if not self._cornered or len(numbers) != len(self._numbers):
-            return False
         before = self._numbers
+        if not self._cornered or not numbers or len(numbers) != len(before):
+            return False
         if order is not self._order:
             numbers, before = order.sort(numbers), self._order.sort(before)
-        return contacts_jumped(np.frombuffer(numbers), np.frombuffer(before))
+        return contacts_jumped(numbers, before, order.places)
 
     def take(
         self, end: float, h: float, state: Array | None, kicks: list[EnergyEvent], first: bool = False

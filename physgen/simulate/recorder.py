@@ -223,24 +223,21 @@ class Recorder:
         self._pose, self._mean, self._roll = pose, velocity, roll
         self._turn = np.tile([1.0, 0.0, 0.0, 0.0], (len(pose), 1))
         self._after = np.zeros((len(self.moving), 3))
-        self._write(step)
+        self._steps.append(step)
         self.flush()
 
     def add(self, step: Step) -> bool:
         """Note a step; True once a block is full and has been read."""
-        self._write(step)
-        if self._count < self._block and self._held < BYTES:
-            return False
-        self.flush()
-        self._block = BLOCK
-        return True
-
-    def _write(self, step: Step) -> None:
         if not self._count:
             self.residual = self.overlap = 0.0
         self._steps.append(step)
         self._count += 1
         self._held += len(step.numbers)
+        if self._count < self._block and self._held < BYTES:
+            return False
+        self.flush()
+        self._block = BLOCK
+        return True
 
     def flush(self) -> None:
         """Read the steps that are held, and begin a new block."""
@@ -302,6 +299,8 @@ class Recorder:
 
     def _braked(self, steps: list[Step], spin: Array) -> Array:
         """(S,) lost to rolling resistance; spin (S, N)."""
+        if all(step.braked is NOT_BRAKED for step in steps):
+            return np.zeros(len(steps))
         row = np.repeat(np.arange(len(steps)), [len(step.braked[1]) for step in steps])
         pairs = np.concatenate([step.braked[0] for step in steps])
         still = np.pad(spin, ((0, 0), (0, 1)))  # -1: the world
