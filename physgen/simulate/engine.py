@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from math import ceil, nan
 
 import numpy as np
@@ -34,9 +33,7 @@ from physgen.simulate.contacts import (
     new_contacts,
 )
 from physgen.simulate.forces import (
-    FORESEEN,
     EnergyEvent,
-    EnergyFlow,
     ForceFields,
     Forces,
     Impulses,
@@ -58,9 +55,8 @@ MOST_PARTS = 1024
 """Of a step that springs or attractors divide."""
 ATTEMPTS = 8
 """Times that a step is taken again because impacts changed what it does."""
-NOTHING = EnergyFlow(0.0, 0.0, None)
 GLIDE = 8
-"""Steps after which speeds are looked at again; a flight of fewer does not pay."""
+"""Steps after which speeds are looked at again."""
 FEW = 12
 """Contacts up to which plain numbers are quicker than arrays."""
 
@@ -227,8 +223,7 @@ class Running:
         if self._loads.steers:
             pace = self._loads.pace(*self._stepper.everybody(self._stepper.state()))
             parts = max(parts, min(MOST_PARTS, ceil(pace * h / PHASE)))
-        quiet = parts == 1 and not self._restless
-        if quiet and (self._fly(last) or (not self._reach.watchful and self._glide(last))):
+        if parts == 1 and not self._reach.watchful and not self._restless and self._glide(last):
             return
         self._number += 1
         if parts > 1:
@@ -236,21 +231,6 @@ class Running:
             self._most_parts = max(self._most_parts, parts)
         for part in range(parts):
             self._part(begin + h * part / parts, h / parts)
-
-    def _fly(self, last: int) -> bool:
-        """Steps, up to the last, in which nothing can touch; whether there were any."""
-        begun = self._number
-        ends = np.arange(begun, min(begun + FORESEEN, last) + 1) * self._base
-        if (
-            len(ends) <= GLIDE
-            or abs(self._base - self._h) > 1e-9 * self._h
-            or self._kicks.due(float(ends[-1]))
-        ):
-            return False
-        for step in self._stepper.fly(ends, self._reach):
-            self._number += 1
-            self._record(step, self._base)
-        return self._number > begun
 
     def _glide(self, last: int) -> bool:
         """Steps, up to the last, in which nothing happens; whether there were any."""
@@ -365,8 +345,6 @@ class Stepper:
         """Velocities within the last step; None: those of the state before it."""
         self.suspicious = self.stirred = True
         """Whether velocities were changed since the last step: what touches may close, what was slow may be fast."""
-        self._grounded = 0
-        """Steps before which a flight is not tried again."""
         self.steps = self.impacts = 0
         """Steps taken, and points struck."""
 
@@ -412,35 +390,6 @@ class Stepper:
         ):
             return None
         return self._end(end, h, None, None, None, [], [])
-
-    def fly(self, ends: Array, reach: StepDivider) -> list[Step]:
-        """Steps from each time to the next (F + 1,) in which nothing can touch: the engine takes none of them."""
-        if self._numbers or self._begun or self._joined.busy or self.steps < self._grounded:
-            return []
-        h, state = np.diff(ends)[:, None, None], self.state()
-        pull = self._lasting.foreseen(state, h)
-        h = h[: len(pull)]
-        v = np.cumsum(np.concatenate([state[None, :, 3:], pull * h]), axis=0)  # as Chipmunk adds, to the bit
-        x = np.cumsum(np.concatenate([state[None, :, :3], v[:-1] * h]), axis=0)
-        count = reach.free_steps(x[:, :, :2])
-        if count < GLIDE:
-            self._grounded = self.steps + 4 * GLIDE
-            return []
-        states, size = np.concatenate([x, v], axis=2).tobytes(), 48 * len(state)
-        several = [states[size * k : size * (k + 1)] for k in range(count + 1)]
-        flows = (
-            self._lasting.settle_flight(v[: count + 1], h[:count])
-            if self._lasting.pushes
-            else [NOTHING] * count
-        )
-        self.steps += count
-        self._calm = self.stirred = True
-        self._within, self._states = (None, several[-2]), several[-1]
-        self._space.place(self.state())
-        return [
-            Step(end, state, NO_CONTACTS, b"", None, None, [], flow, NOT_BRAKED, [])
-            for end, state, flow in zip(ends[1:].tolist(), several[1:], flows, strict=False)
-        ]
 
     def _begin(self, end: float, h: float, state: Array | None, first: bool = False) -> Begun:
         """Take the step to `end` as things are, or as the state (M, 6) that was placed."""
@@ -536,16 +485,13 @@ class Stepper:
         self.stirred |= not self._calm
         self._within = before, self._states
         self._order, self._numbers, self._states, self.suspicious = order, numbers, states, False
-        settled, braked, resistance = NOTHING, NOT_BRAKED, self._lasting.resistance
+        braked, resistance = NOT_BRAKED, self._lasting.resistance
         if load is not None:
-            settled = self._lasting.settle(load, self.within, self.state(), h)
-            self._lasting.begin()
+            self._lasting.end(load)
         if resistance.busy:
             braked = resistance.brakes.array, self._space.braked()
             resistance.follow(order, numbers, h)
-        if driven:
-            settled = replace(settled, work=settled.work + driven)
-        return Step(end, states, order, numbers, before, original, impacts, settled, braked, kicks)
+        return Step(end, h, states, order, numbers, before, original, impacts, load, driven, braked, kicks)
 
     def _strike(
         self,

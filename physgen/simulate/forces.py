@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import pi
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -227,12 +228,7 @@ def _turned(at: Array, angle: float) -> Array:
     return np.array([c * at[0] - s * at[1], s * at[0] + c * at[1]])
 
 
-FORESEEN = 32
-"""Steps for which forces are found together while nothing touches."""
-
-
-@dataclass(frozen=True)
-class Forces:
+class Forces(NamedTuple):
     """Lasting forces of one step, each (N, 3): g·px/s², g·px/s², g·px²/s²."""
 
     total: Array
@@ -244,16 +240,6 @@ class Forces:
     """(N, 2) rad/s: change of the spheres' roll on the table."""
 
 
-@dataclass(frozen=True)
-class EnergyFlow:
-    """What a step's lasting forces did, g·px²/s²."""
-
-    lost: float
-    work: float
-    roll: Array | None
-    """(N, 2) rad/s at its end; None where nothing rolls on a table."""
-
-
 class StepForces:
     """Pushes, springs, fields, the table, rolling resistance and motors of a world."""
 
@@ -263,25 +249,23 @@ class StepForces:
         self.resistance = Resistance(world)
         self._center = np.array([[*b.center, 0.0] for b in bodies]).reshape(-1, 3)
         self._dynamic = np.array([b.motion is Motion.DYNAMIC for b in bodies], bool)
-        self._scripted = np.array([b.motion is Motion.SCRIPTED for b in bodies], bool)
-        self._handed = bool(self._scripted.any())
         mass = np.array([b.mass for b in bodies]).reshape(-1)
         moment = np.array([b.moment for b in bodies]).reshape(-1)
-        self._moments, self._weight = moment[:, None], np.stack([mass, mass, moment], axis=1)
+        self._weight = np.stack([mass, mass, moment], axis=1)
         self._nothing = np.zeros((len(bodies), 3))
         self._fall = np.where(self._dynamic[:, None], [*world.gravity, 0.0], 0.0)
         self._falls = bool(world.gravity.any())
         self.roll = np.array([b.roll for b in bodies]).reshape(-1, 2)
         """(N, 2) rad/s: how spheres on a table roll now."""
-        self._roll_before = self.roll
         self._foreseen: list[tuple[Array, Array]] = []
         """What the table does in the next steps while nothing touches, the last first."""
         self.pushes = loads.busy or self._table.busy
         """Whether forces are to be set before a step."""
 
-    def begin(self) -> None:
-        """The next step: one that is taken again starts from here."""
-        self._roll_before = self.roll
+    def end(self, load: Forces) -> None:
+        """The step is over: one that was taken again started from where it began."""
+        if load.rolled is not None:
+            self.roll = self.roll + load.rolled
 
     def drift(self, load: Forces | None) -> Array:
         """(N, 2) px/s²: acceleration of each body while nothing touches it."""
@@ -307,37 +291,13 @@ class StepForces:
             trial = trial + self._fall * part if self._falls else trial
             alone &= not (self._loads.busy or self._falls)
             if not (alone and self._foreseen):
-                self._foreseen = self._table.foreseen(
-                    trial, self._roll_before, part, FORESEEN if alone else 1
-                )
+                self._foreseen = self._table.foreseen(trial, self.roll, part, 32 if alone else 1)
             change, rolled = self._foreseen.pop()
             grip = change * self._weight
             grip /= h
             spend = grip if load.spend is None else load.spend + grip
             load = Forces(load.total + grip if self._loads.busy else grip, load.drive, spend, rolled)
         return load
-
-    def foreseen(self, state: Array, h: Array) -> Array:
-        """(F, M, 3) px/s², px/s², rad/s²: of what moves, in steps of h (F, 1, 1) s in which nothing touches."""
-        if not self._table.busy:
-            return np.broadcast_to(self._fall[self._moving], (len(h), len(state), 3))
-        if not self._foreseen:
-            velocity = self._spread(state[:, 3:], self._nothing)
-            self._foreseen = self._table.foreseen(velocity, self.roll, float(h[0, 0, 0]), FORESEEN)
-        changes = np.array([change for change, _ in self._foreseen[: -len(h) - 1 : -1]])
-        self._grips = changes * self._weight / h[: len(changes)]
-        return (self._grips * (1 / self._weight))[:, self._moving]
-
-    def settle_flight(self, velocity: Array, h: Array) -> list[EnergyFlow]:
-        """As `settle`, of the first steps that `foreseen` told of: velocities (F + 1, M, 3), h (F, 1, 1) s."""
-        F, mean = len(h), (velocity[1:] + velocity[:-1]) / 2
-        rolled = np.array([rolled for _, rolled in self._foreseen[: -F - 1 : -1]])
-        rolls = np.cumsum(np.concatenate([self.roll[None], rolled]), axis=0)
-        lost = -((self._grips[:F, self._moving] * mean).sum(axis=(1, 2)) * h[:, 0, 0])
-        lost -= (self._moments * rolled * (rolls[:-1] + rolled / 2)).sum(axis=(1, 2))
-        del self._foreseen[-F:]
-        self.roll = self._roll_before = rolls[-1]
-        return [EnergyFlow(one, 0.0, roll) for one, roll in zip(lost.tolist(), rolls[1:], strict=True)]
 
     def _spread(self, rows: Array, others: Array) -> Array:
         """(M, 3) of the bodies that move -> (N, 3) of all."""
@@ -346,20 +306,6 @@ class StepForces:
         out = others.copy()
         out[self._moving] = rows
         return out
-
-    def settle(self, load: Forces, used: Array, state: Array, h: float) -> EnergyFlow:
-        """Lost and work of forces in a step from velocities `used` (M, 3) to `state` (M, 6), and the roll."""
-        mean = self._spread((used + state[:, 3:]) / 2, self._nothing)
-        work = 0.0 if load.drive is None else float(np.vdot(load.drive, mean)) * h
-        lost = 0.0 if load.spend is None else -float(np.vdot(load.spend, mean)) * h
-        if self._handed:  # a spring on a scripted body hands on what its script does
-            work -= float(np.vdot(load.total[self._scripted], mean[self._scripted])) * h
-        if load.rolled is not None:
-            # what the table takes from a sphere's motion partly goes into its rolling
-            half = self._roll_before + load.rolled / 2
-            lost -= float(np.vdot(self._moments * load.rolled, half))
-            self.roll = self._roll_before + load.rolled
-        return EnergyFlow(lost, work, self.roll if self._table.busy else None)
 
 
 class ScriptedMotion:

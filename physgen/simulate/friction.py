@@ -59,8 +59,6 @@ class Resistance:
         return Brakes(pairs, np.array(pairs, np.int64).reshape(-1, 2), by)
 
 
-MANY = 8
-"""Bodies up to which plain numbers are quicker than arrays."""
 NODES = 1024
 """Of the tables of friction by the ratio of sliding to spinning."""
 
@@ -96,16 +94,19 @@ class Table:
         motion, out = np.array([v, velocity[:, 2], rolls]), np.zeros((steps, 3, len(v)), complex)
         moves = np.asarray(motion.any(axis=0))
         moves[self._roll_on(v, velocity[:, 2], rolls, h, out)] = False
-        kinds = (_slide, _slides, self._discs, self._of_discs), (_roll, _rolls, self._balls, self._of_balls)
+        kinds = (
+            (_slide, _slide_one, self._discs, self._of_discs),
+            (_roll, _roll_one, self._balls, self._of_balls),
+        )
         for several, one, listed, of in kinds:
             mine = np.flatnonzero(moves[listed])
-            if len(mine) > MANY:
+            if len(mine) > 8:  # of fewer, plain numbers are quicker than arrays
                 on, values = listed[mine], [v[mine] for v in of]
                 out[:, :, on] = _path(several, values, motion[:, on], h, steps)
                 continue
             for k in mine.tolist():
-                on, values = listed[k], [v[k].item() for v in of]
-                out[:, :, on] = one(*values, *motion[:, on].tolist(), h, steps)
+                plain: list[float] = [v[k].item() for v in of]
+                out[:, :, listed[k]] = one(plain, motion[:, listed[k]].tolist(), h, steps)
         change, turn, rolled = out[::-1].swapaxes(0, 1)
         changes = np.stack([change.real, change.imag, turn.real], axis=2)
         return list(zip(changes, np.stack([rolled.real, rolled.imag], axis=2), strict=True))
@@ -153,12 +154,10 @@ def _slid(of: list[Array], v: Array, spin: Array, h: float, at: Array, at_spin: 
     return np.where(ends, -v, -brake * v), np.where(ends, -spin, np.where(spin > 0, -slowed, slowed))
 
 
-def _slides(
-    grip: float, mass: float, patch: float, moment: float, ring: bool,
-    v: complex, spin: complex, roll: complex, h: float, steps: int,
-) -> Array:  # fmt: skip
+def _slide_one(of: list[float], motion: list[complex], h: float, steps: int) -> NDArray[np.complex128]:
     """(steps, 3): the same of one disc, in some steps."""
-    _, forces, torques = _listed_shares(ring)
+    (grip, mass, patch, moment, ring), (v, spin, _) = of, motion
+    _, forces, torques = _listed_shares(bool(ring))
     wide, most = (NODES - 1) / (pi / 2), NODES - 2
     out, turns = np.zeros((steps, 3), complex), spin.real
     for k in range(steps):
@@ -206,11 +205,9 @@ def _roll(of: list[Array], v: Array, spin: Array, roll: Array, h: float) -> tupl
     return change - np.where(rolls, stop, 0.0) * (v + change), twist, turned - stop * now
 
 
-def _rolls(
-    r: float, lever: float, gives: float, grip: float, lost_sliding: float, lost_rolling: float,
-    v: complex, spin: complex, roll: complex, h: float, steps: int,
-) -> Array:  # fmt: skip
+def _roll_one(of: list[float], motion: list[complex], h: float, steps: int) -> NDArray[np.complex128]:
     """(steps, 3): the same of one sphere, in some steps."""
+    (r, lever, gives, grip, lost_sliding, lost_rolling), (v, spin, roll) = of, motion
     out, turns, twists = np.zeros((steps, 3), complex), spin.real, (lost_sliding if grip > 0 else 0.0) * h
     across, levers = 1j * r, 1j * lever
     for k in range(steps):

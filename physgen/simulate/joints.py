@@ -52,12 +52,13 @@ class Assemblies:
         """Every body that a joint holds."""
         # what is not dynamic has a place in the system, too, and does not yield
         self._held: list[tuple[list[Joint], list[int], list[float]]] = []
-        for _, group in sorted(self._joints.items()):
-            bodies = sorted({b for joint in group for b in (joint.first, joint.second) if b is not None})
-            masses = [
-                (world.bodies[b].mass, world.bodies[b].moment) if dynamic[b] else (inf, inf) for b in bodies
+        for _, joints in sorted(self._joints.items()):
+            bodies = sorted({b for joint in joints for b in (joint.first, joint.second) if b is not None})
+            weights = [(body.mass, body.mass, body.moment) for body in (world.bodies[b] for b in bodies)]
+            light = [
+                1 / m if dynamic[b] else 0.0 for b, own in zip(bodies, weights, strict=True) for m in own
             ]
-            self._held.append((group, bodies, [1 / of for m, turn in masses for of in (m, m, turn)]))
+            self._held.append((joints, bodies, light))
         self._all = sorted({body for _, bodies, _ in self._held for body in bodies})
 
     def of(self, body: int) -> int | None:

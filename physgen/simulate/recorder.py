@@ -18,7 +18,7 @@ from physgen.problems import InputError, Place, Problem
 from physgen.scene.scene import Motion
 from physgen.simulate.collisions import Impacts
 from physgen.simulate.contacts import CONTACT_BYTES, Array, Order, touching
-from physgen.simulate.forces import EnergyEvent, EnergyFlow, ForceFields, ScriptedMotion
+from physgen.simulate.forces import EnergyEvent, ForceFields, Forces, ScriptedMotion
 from physgen.simulate.trajectory import (
     Contacts,
     Effort,
@@ -154,6 +154,8 @@ class Step:
 
     time: float
     """s, of its end."""
+    h: float
+    """s."""
     states: bytes
     order: Order
     """Of its contacts."""
@@ -164,8 +166,10 @@ class Step:
     original: Array | None
     """(M, 3): the same before impacts changed them; None without impacts."""
     impacts: list[Impacts]
-    settled: EnergyFlow
-    """What lasting forces did in it."""
+    load: Forces | None
+    """Lasting forces in it."""
+    driven: float
+    """g·px²/s² that motors did."""
     braked: tuple[Index, list[float]]
     """(B, 2) and g·px²/s: angular impulses between bodies, or the world, -1, by rolling resistance."""
     kicks: list[EnergyEvent]
@@ -250,7 +254,9 @@ class Recorder:
         if not steps:
             return
         M = len(self.moving)
-        self._rolling |= steps[0].settled.roll is not None
+        loads = [step.load for step in steps if step.load is not None]  # of all steps, or of none
+        rolled = [load.rolled for load in loads if load.rolled is not None]
+        self._rolling |= bool(rolled)
         states = np.frombuffer(b"".join(step.states for step in steps), np.float64).reshape(len(steps), M, 6)
         after = states[:, :, 3:]
         before = np.concatenate([self._after[None], after[:-1]])
@@ -260,11 +266,13 @@ class Recorder:
         self._after = after[-1].copy()
         mean = self._all((before + after) / 2)
         pose = self._all(states[:, :, :3], self._still)
+        rolls = np.cumsum([self._roll, *rolled], axis=0)
         flow = np.zeros((len(steps), 2))
         if not self.motion_only:
             flow = self._contacts(steps, pose, self._all(before), self._all(after))
-            flow[:, 0] += [step.settled.lost for step in steps] + self._braked(steps, mean[:, :, 2])
-            flow[:, 1] += [step.settled.work for step in steps]
+            lost, work = self._loaded(steps, mean, rolls)
+            flow[:, 0] += lost + self._braked(steps, mean[:, :, 2])
+            flow[:, 1] += work + [step.driven for step in steps]
         ends = np.array([step.time for step in steps])
         # at a step's end half of what it did is done: its velocities are those of the middle of two steps
         smooth = np.cumsum(flow, axis=0) + self._smooth + self._owed - flow / 2
@@ -272,11 +280,8 @@ class Recorder:
         if self._first:  # of the half step to t = 0, nothing is done yet at t = 0
             pose[0], mean[0], smooth, owed = self._pose, self._mean, np.zeros((1, 2)), flow[-1]
             self._first = False
-        rolls = vectors = turns = np.zeros((0, 0, 3))
+        vectors = turns = np.zeros((0, 0, 3))
         if self._rolling:
-            rolls = np.stack(
-                [self._roll, *(self._roll if (r := s.settled.roll) is None else r for s in steps)]
-            )
             spans = np.diff(np.concatenate([[self._time], ends]))[:, None]
             vectors = np.empty(pose.shape)
             vectors[:, :, :2] = (rolls[1:] + rolls[:-1]) / 2 * spans[..., None]
@@ -296,6 +301,25 @@ class Recorder:
         out = np.zeros((S, N, 3)) if still is None else np.tile(still, (S, 1, 1))
         out[:, self.moving] = moving
         return out
+
+    def _loaded(self, steps: list[Step], mean: Array, rolls: Array) -> Array:
+        """(2, S) lost to and work of lasting forces; mean (S, N, 3) velocities, rolls (S + 1, N, 2)."""
+        both, h = np.zeros((2, len(steps))), np.array([step.h for step in steps])
+
+        def work(forces: list[Array | None]) -> Array | float:
+            known = [force for force in forces if force is not None]
+            return (np.array(known) * mean).sum(axis=(1, 2)) * h if known else 0.0
+
+        loads = [step.load for step in steps if step.load is not None]
+        both[0] -= work([load.spend for load in loads])
+        both[1] += work([load.drive for load in loads])
+        scripted = self._scripted[: mean.shape[1], None]
+        if scripted.any():  # a spring on a scripted body hands on what its script does
+            both[1] -= work([load.total * scripted for load in loads])
+        if len(rolls) > 1:  # what the table takes from a sphere's motion partly goes into its rolling
+            rolled = np.array([load.rolled for load in loads])
+            both[0] -= (self._moment[:, None] * rolled * (rolls[:-1] + rolled / 2)).sum(axis=(1, 2))
+        return both
 
     def _braked(self, steps: list[Step], spin: Array) -> Array:
         """(S,) lost to rolling resistance; spin (S, N)."""

@@ -19,8 +19,7 @@ from pymunk.batch import ArbiterFields, BodyFields
 
 from physgen.compile.world import Body, Joint, Wall, World
 from physgen.scene.scene import JointKind, Motion
-from physgen.simulate.contacts import NO_CONTACTS, WORDS, Array, Order
-from physgen.simulate.friction import Pair
+from physgen.simulate.contacts import NO_CONTACTS, WORDS, Array, Order, Pair
 
 Index = NDArray[np.int64]
 

@@ -31,8 +31,6 @@ class StepTuning:
     many: int = 60
     most: int = 120
     """Sweeps of the contact solver a step: at least; where shapes overlap, impacts fell or joints hold; at most."""
-    near: float = 0.01
-    """px between shapes that surely do not touch."""
     work: int = 50_000
     """Sweeps times contacts of a step: heaps of hundreds get fewer sweeps."""
     slack: float = 0.02
@@ -123,22 +121,6 @@ class StepDivider:
         parts = min(parts, self._spare)
         self._spare -= parts
         return parts
-
-    def free_steps(self, path: Array) -> int:
-        """Of the steps along a path (F + 1, M, 2), those from the first on within which nothing can touch."""
-        room = self._reach + np.hypot(*np.moveaxis(np.diff(path, axis=0), 2, 0)).max(axis=0) + TUNING.near
-        path, still = path[1:], self._still
-        low, high = path.min(axis=0) - room[:, None], path.max(axis=0) + room[:, None]
-        near = (low[:, None] < high).all(axis=2)
-        a, b = np.nonzero(np.triu(near & near.T, 1))
-        meets = ((path[:, a] - path[:, b]) ** 2).sum(axis=2) < (room[a] + room[b]) ** 2
-        c, k = np.nonzero(
-            (low[:, None] < still[:, 2:]).all(axis=2) & (high[:, None] > still[:, :2]).all(axis=2)
-        )
-        around = room[c, None]
-        blocked = ((path[:, c] - around < still[k, 2:]) & (path[:, c] + around > still[k, :2])).all(axis=2)
-        closed = np.flatnonzero(meets.any(axis=1) | blocked.any(axis=1))
-        return int(closed[0]) if len(closed) else len(path)
 
 
 class Governor:
