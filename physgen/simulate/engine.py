@@ -385,9 +385,8 @@ class Stepper:
             return None
         self._space.iterations = self._governor.sweeps
         _, _, order, numbers = self._begun = self._begin(end, h, None)
-        if self._leaps(order, numbers) or (
-            order is not self._order and new_contacts(order.words, self._order.words)
-        ):
+        new = order is not self._order and new_contacts(order.words, self._order.words)
+        if new or self._leaps(order, numbers):
             return None
         return self._end(end, h, None, None, None, [], [])
 

@@ -48,8 +48,11 @@ class Resistance:
 
     def _found(self, listed: NDArray[np.int64]) -> Brakes:
         levers, rows = dict[Pair, float](), dict[Pair, list[int]]()
+        partners = listed.tolist()
         for k in np.lexsort(listed.T[2::-1]).tolist():
-            a, b = sorted(listed[k, :2].tolist(), key=lambda k: (self._lever[k] == 0, k))
+            a, b, _ = partners[k]
+            if (self._lever[a] == 0, a) > (self._lever[b] == 0, b):
+                a, b = b, a
             if self._lever[a] > 0:
                 pair = a, -1 if self._static[b] else b
                 levers[pair] = self._lever[a] + self._lever[b]
