@@ -143,18 +143,21 @@ def _swept(
                 impulse[n] = new
                 for k, value in by_n:
                     speed[k] += step * value
-                change = max(change, abs(step))
+                if step > change or -step > change:
+                    change = abs(step)
             if new > size:
                 size = new
             if mu > 0:
-                edge = mu * new
-                new = min(edge, max(-edge, impulse[t] - speed[t] * give_t))
+                edge, new = mu * new, impulse[t] - speed[t] * give_t
+                if not -edge < new < edge:
+                    new = edge if new > 0.0 else -edge
                 step = new - impulse[t]
                 if step:
                     impulse[t] = new
                     for k, value in by_t:
                         speed[k] += step * value
-                    change = max(change, abs(step))
+                    if step > change or -step > change:
+                        change = abs(step)
         if change <= exact * size:
             break
     return np.array(impulse), passes

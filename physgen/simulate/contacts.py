@@ -19,10 +19,66 @@ LEAP = 2.0
 """px in a step by which no contact creeps."""
 WORDS, NUMBERS = 3, 14
 """Integers and floats of one contact."""
-CONTACT_BYTES = 8 * WORDS
-"""Of the integers."""
+CONTACT_BYTES = 8 * NUMBERS
+"""Of the floats."""
 _WORDS, _NUMBERS = Struct(f"={WORDS}q"), Struct(f"={NUMBERS}d")
+_POINTS = np.isin(np.arange(NUMBERS), np.arange(4, 13)).astype(np.float64)
+impulses_and_normals = Struct(f"=4d{8 * (NUMBERS - 4)}x").iter_unpack
 _ON_FIRST, _ON_SECOND, _DISTANCE = ([4, 5, 9, 10], [6, 7, 11, 12], [8, 13])
+
+
+_PLACE = [4, 5, 9, 10, 0, 1, 2, 3]
+"""Numbers of a contact by which those of one pair are sorted: points on both bodies, impulse, normal."""
+
+Pair = tuple[int, int]
+"""Two bodies; -1 for the world."""
+
+
+@dataclass(frozen=True)
+class Brakes:
+    """What brakes in a step, by its contacts."""
+
+    pairs: list[Pair]
+    array: NDArray[np.int64]
+    """(B, 2): the same."""
+    by: list[tuple[float, list[int]]]
+    """px and contacts, as listed, of each: the lever of the normal forces."""
+
+
+class Order:
+    """The order, by our numbers of bodies and counts of points, of contacts that pymunk lists in one way."""
+
+    def __init__(self, listed: Index) -> None:
+        """listed (K, 3): both partners and the count of points of each contact."""
+        key = (listed[:, 0] << 32 | listed[:, 1]) << 2 | listed[:, 2]
+        self._rows = np.argsort(key, kind="stable")
+        ranked = key.take(self._rows)
+        self.listed = listed
+        self.words = listed.take(self._rows, axis=0).tobytes()
+        # several pieces or segments, of which some touch at one and the same corner
+        self._runs: list[tuple[int, int]] = []
+        for k in (np.flatnonzero(ranked[1:] == ranked[:-1]) + 1).tolist():
+            start = self._runs.pop()[0] if self._runs and self._runs[-1][1] == k else k - 1
+            self._runs.append((start, k + 1))
+        self.places = np.tile(_POINTS, len(listed))
+        """(14 K,): 1 for numbers of points, else 0."""
+        self.brakes: Brakes | None = None
+        """Once `Resistance` has looked."""
+        self._mixed = bool((self._rows[1:] < self._rows[:-1]).any())
+
+    def sort(self, numbers: bytes) -> bytes:
+        """The numbers of one or more steps, in order; contacts of the same pairs by their places."""
+        if not (self._mixed or self._runs):
+            return numbers
+        steps = np.frombuffer(numbers).reshape(-1, len(self._rows), NUMBERS).take(self._rows, axis=1)
+        for start, end in self._runs:
+            alike = steps[:, start:end]
+            by = np.lexsort([alike[..., at] for at in reversed(_PLACE)], axis=-1)
+            steps[:, start:end] = np.take_along_axis(alike, by[..., None], axis=1)
+        return steps.tobytes()
+
+
+NO_CONTACTS = Order(np.zeros((0, WORDS), np.int64))
 
 
 @dataclass(frozen=True)
@@ -96,25 +152,14 @@ def any_closes(
     return False
 
 
-def normal_impulses(numbers: list[float], rows: Sequence[int]) -> list[float]:
-    """g·px/s that pressed the partners of some contacts apart, rising; numbers (14 K,)."""
-    found = []
-    for k in rows:
-        ix, iy, nx, ny = numbers[NUMBERS * k : NUMBERS * k + 4]
-        found.append(abs(ix * nx + iy * ny))
-    found.sort()
-    return found
-
-
-def contacts_jumped(now: Array, before: Array) -> bool:
+def contacts_jumped(now: bytes, before: bytes, places: Array) -> bool:
     """Whether contacts of the same pairs, in the same order, are elsewhere at once: another corner has come down.
 
-    now, before (14 K,): their numbers.
+    now, before: their numbers (14 K,); places (14 K,): 1 for those of points, else 0.
     """
-    if not len(now) == len(before) > 0:
-        return False
-    off = np.abs((now - before).reshape(-1, NUMBERS)[:, 4:13])
-    return float(np.maximum.reduce(off, axis=None)) > LEAP
+    off = np.frombuffer(now) - np.frombuffer(before)
+    # what moved less all together needs no closer look
+    return bool((off * off).dot(places) > LEAP * LEAP and (np.abs(off) * places).max() > LEAP)
 
 
 @dataclass(frozen=True)

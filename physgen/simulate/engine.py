@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from math import ceil, nan
 
 import numpy as np
@@ -23,9 +22,11 @@ from physgen.scene.scene import Motion
 from physgen.simulate.collisions import Impacts, ImpactSolver, StepMotion, WorkBudget
 from physgen.simulate.contacts import (
     CONTACT_BYTES,
+    NO_CONTACTS,
     WORDS,
     Array,
     ContactProperties,
+    Order,
     any_closes,
     contact_points,
     contacts_jumped,
@@ -33,7 +34,6 @@ from physgen.simulate.contacts import (
 )
 from physgen.simulate.forces import (
     EnergyEvent,
-    EnergyFlow,
     ForceFields,
     Forces,
     Impulses,
@@ -42,7 +42,7 @@ from physgen.simulate.forces import (
     stiffest_spring,
 )
 from physgen.simulate.joints import Assemblies
-from physgen.simulate.recorder import DIVERGED_FIX, UNKNOWN_PLACE, Recorder, Step, StepLog
+from physgen.simulate.recorder import DIVERGED_FIX, NOT_BRAKED, UNKNOWN_PLACE, Recorder, Step, StepLog
 from physgen.simulate.space import Space
 from physgen.simulate.step_control import Governor, StepDivider
 from physgen.simulate.trajectory import Effort, Trajectory
@@ -55,7 +55,6 @@ MOST_PARTS = 1024
 """Of a step that springs or attractors divide."""
 ATTEMPTS = 8
 """Times that a step is taken again because impacts changed what it does."""
-NOTHING = EnergyFlow(0.0, 0.0, None)
 GLIDE = 8
 """Steps after which speeds are looked at again."""
 FEW = 12
@@ -235,18 +234,16 @@ class Running:
 
     def _glide(self, last: int) -> bool:
         """Steps, up to the last, in which nothing happens; whether there were any."""
-        begun = self._number
+        begun, stepper = self._number, self._stepper
+        if abs(self._base - self._h) > 1e-9 * self._base:
+            return False
         while self._number < last:
-            begin = self._number * self._base
-            h = (self._number + 1) * self._base - begin
-            if abs(h - self._h) > 1e-9 * h or self._kicks.due(begin + h):
-                break
-            step = self._stepper.glide(begin + h, h)
-            if step is None:
+            begin, end = self._number * self._base, (self._number + 1) * self._base
+            if self._kicks.due(end) or (step := stepper.glide(end, end - begin)) is None:
                 break
             self._number += 1
-            self._record(step, h)
-            if self._stepper.steps % GLIDE == 0:
+            self._record(step, end - begin)
+            if stepper.steps % GLIDE == 0:
                 break
         return self._number > begun
 
@@ -292,7 +289,7 @@ class Running:
         if self._ledger.add(step):
             ledger, since = self._ledger, self._stepper.steps - self._reviewed
             self._reviewed = self._stepper.steps
-            contacts = len(step.words) // CONTACT_BYTES
+            contacts = len(step.numbers) // CONTACT_BYTES
             self._governor.review(since, contacts, ledger.residual, ledger.overlap, h)
 
     def _kicked(self, begin: float, end: float, state: Array) -> list[EnergyEvent]:
@@ -311,8 +308,8 @@ class Running:
         return given
 
 
-Begun = tuple[Forces | None, bytes, bytes, bytes]
-"""Forces of a step; states, words and numbers of contacts that they led to."""
+Begun = tuple[Forces | None, bytes, Order, bytes]
+"""Forces of a step; states, contacts and their numbers that they led to."""
 
 
 class Stepper:
@@ -340,7 +337,7 @@ class Stepper:
         self._wide = np.concatenate([self._center, np.zeros((len(walls), 3))])
         self._fast = np.zeros_like(self._wide)
         self._cornered = any(b.radius is None for b in bodies)
-        self._words = self._numbers = self._states = b""
+        self._order, self._numbers, self._states = NO_CONTACTS, b"", b""
         self._calm = True
         self._begun: Begun | None = None
         """Forces and outcome of the next step, where it was taken already."""
@@ -378,7 +375,7 @@ class Stepper:
         """Velocities (N, 3) that joints allow, and the energy of what they forbid, which is lost at once."""
         if not self._joined.busy:
             return velocity, 0.0
-        allowed, _ = self._joined.hold(pose, velocity, self._inverse, 1.0, None)
+        allowed, _ = self._joined.hold(pose, velocity, 1.0, None)
         weight = 1 / self._inverse[self._dynamic]
         return allowed, float((weight * (velocity**2 - allowed**2)[self._dynamic]).sum() / 2)
 
@@ -387,8 +384,9 @@ class Stepper:
         if self.suspicious or self._begun or (self._governor.crowded and not self._calm):
             return None
         self._space.iterations = self._governor.sweeps
-        _, _, words, numbers = self._begun = self._begin(end, h, None)
-        if self._leaps(numbers) or (words != self._words and new_contacts(words, self._words)):
+        _, _, order, numbers = self._begun = self._begin(end, h, None)
+        new = order is not self._order and new_contacts(order.words, self._order.words)
+        if new or self._leaps(order, numbers):
             return None
         return self._end(end, h, None, None, None, [], [])
 
@@ -397,17 +395,23 @@ class Stepper:
         load: Forces | None = None
         if self._lasting.pushes:
             placed = self.state() if state is None else state
-            alone = state is None and not self._words and not self._joined.busy
+            alone = state is None and not self._numbers and not self._joined.busy
             load = self._lasting.push(placed, end, h, first=first, alone=alone)
             every = len(load.total) == len(placed)
             self._space.push(load.total if every else load.total[self._space.moving])
-        if self._lasting.accounts:
-            self._space.brake(self._lasting.torques)
+        resistance = self._lasting.resistance
+        if resistance.busy:
+            self._space.brake(resistance.brakes.pairs, resistance.torques)
         return load, *self._space.step(h)
 
-    def _leaps(self, numbers: bytes) -> bool:
+    def _leaps(self, order: Order, numbers: bytes) -> bool:
         """Whether a contact is elsewhere at once."""
-        return self._cornered and contacts_jumped(np.frombuffer(numbers), np.frombuffer(self._numbers))
+        before = self._numbers
+        if not self._cornered or not numbers or len(numbers) != len(before):
+            return False
+        if order is not self._order:
+            numbers, before = order.sort(numbers), self._order.sort(before)
+        return contacts_jumped(numbers, before, order.places)
 
     def take(
         self, end: float, h: float, state: Array | None, kicks: list[EnergyEvent], first: bool = False
@@ -421,18 +425,18 @@ class Stepper:
             state = self.state().copy()
         self._space.iterations = 1 if probing else self._governor.sweeps
         for attempt in range(ATTEMPTS):
-            load, states, words, numbers = self._begun = self._begun or self._begin(end, h, state, first)
+            load, states, order, numbers = self._begun = self._begun or self._begin(end, h, state, first)
             impact = None
             # the last try is taken as it comes: what still closes then does not bounce
             new: Sequence[int] | None = None
-            if not (self.suspicious or self._leaps(numbers)):  # the first step is one, too
-                new = new_contacts(words, self._words) if words != self._words else ()
+            if not (self.suspicious or self._leaps(order, numbers)):  # the first step is one, too
+                new = new_contacts(order.words, self._order.words) if order is not self._order else ()
             if attempt < ATTEMPTS - 1 and (new is None or new):
                 if state is None:
                     state = self.state().copy()
                 after = np.frombuffer(states, np.float64).reshape(-1, 6)
                 motion = after[:, :3], state[:, 3:]
-                impact = self._strike(*motion, words, numbers, h, new, first, load)
+                impact = self._strike(*motion, order, numbers, h, new, first, load)
             if impact is None and not probing:
                 break
             assert state is not None
@@ -463,7 +467,7 @@ class Stepper:
     ) -> Step:
         """The step that was begun, once it is as it will stay; motors had part of their strength."""
         assert self._begun is not None
-        (load, states, words, numbers), self._begun = self._begun, None
+        (load, states, order, numbers), self._begun = self._begun, None
         self.steps += 1
         self._calm = original is None
         driven = 0.0
@@ -473,27 +477,26 @@ class Stepper:
                 # the first try pushed overlaps apart that the impacts have undone
                 exact[:, :3] = state[:, :3] + state[:, 3:] * h
             if self._joined.busy:
-                held, driven = self._joined.hold(*self.everybody(exact), self._inverse, h, strength)
+                held, driven = self._joined.hold(*self.everybody(exact), h, strength)
                 exact[:, 3:] = held[self._space.moving]
             self._space.place(exact)
             states = exact.tobytes()
         self.stirred |= not self._calm
         self._within = before, self._states
-        self._words, self._numbers, self._states, self.suspicious = words, numbers, states, False
-        settled = NOTHING
-        if self._lasting.accounts:
-            braked = self._space.braked()
-            settled = self._lasting.settle(load, self.within, self.state(), (words, numbers), braked, h)
-        if driven:
-            settled = replace(settled, work=settled.work + driven)
-        self._lasting.begin()
-        return Step(end, states, words, numbers, before, original, impacts, settled, kicks)
+        self._order, self._numbers, self._states, self.suspicious = order, numbers, states, False
+        braked, resistance = NOT_BRAKED, self._lasting.resistance
+        if load is not None:
+            self._lasting.end(load)
+        if resistance.busy:
+            braked = resistance.brakes.array, self._space.braked()
+            resistance.follow(order, numbers, h)
+        return Step(end, h, states, order, numbers, before, original, impacts, load, driven, braked, kicks)
 
     def _strike(
         self,
         pose: Array,
         velocity: Array,
-        words: bytes,
+        order: Order,
         numbers: bytes,
         h: float,
         new: Sequence[int] | None,
@@ -508,14 +511,15 @@ class Stepper:
         threshold = self._governor.threshold(h)
         wide, fast = self._wide, self._fast
         wide[self._space.moving], fast[self._space.moving] = pose, velocity
-        rows = range(len(words) // CONTACT_BYTES) if new is None else new
+        words, numbers = order.words, order.sort(numbers)
+        rows = range(len(order.listed)) if new is None else new
         if len(rows) <= FEW and not any_closes(words, numbers, rows, wide, fast, threshold):
             return None
         points = contact_points(words, numbers, wide, fast)
         if not (points.closing > threshold).any():
             return None
-        were = words if first else self._words
-        touched = np.ones(len(words) // CONTACT_BYTES, bool)
+        were = words if first else self._order.words
+        touched = np.ones(len(order.listed), bool)
         touched[[*new_contacts(words, were)]] = False
         if new is not None:
             points.closing[touched[points.row]] = 0.0

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from math import pi
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from physgen.compile.world import Body, Joint, World
 from physgen.geometry.polygon import Array, polygon_moments
 from physgen.scene.scene import FieldKind, JointKind, Load, Motion
-from physgen.simulate.friction import Pair, Resistance, Table
+from physgen.simulate.friction import Resistance, Table
 
 
 def spring_joints(world: World) -> list[Joint]:
@@ -228,8 +228,7 @@ def _turned(at: Array, angle: float) -> Array:
     return np.array([c * at[0] - s * at[1], s * at[0] + c * at[1]])
 
 
-@dataclass(frozen=True)
-class Forces:
+class Forces(NamedTuple):
     """Lasting forces of one step, each (N, 3): g·px/s², g·px/s², g·px²/s²."""
 
     total: Array
@@ -241,52 +240,32 @@ class Forces:
     """(N, 2) rad/s: change of the spheres' roll on the table."""
 
 
-@dataclass(frozen=True)
-class EnergyFlow:
-    """What a step's lasting forces did, g·px²/s²."""
-
-    lost: float
-    work: float
-    roll: Array | None
-    """(N, 2) rad/s at its end; None where nothing rolls on a table."""
-
-
 class StepForces:
     """Pushes, springs, fields, the table, rolling resistance and motors of a world."""
 
     def __init__(self, world: World, moving: NDArray[np.int64], loads: ForceFields) -> None:
         bodies = world.bodies
         self._moving, self._loads, self._table = moving, loads, Table(world)
-        self._numbers: list[int] = moving.tolist()
-        self._resistance = Resistance(world)
+        self.resistance = Resistance(world)
         self._center = np.array([[*b.center, 0.0] for b in bodies]).reshape(-1, 3)
         self._dynamic = np.array([b.motion is Motion.DYNAMIC for b in bodies], bool)
-        self._scripted = np.array([b.motion is Motion.SCRIPTED for b in bodies], bool)
-        self._handed = bool(self._scripted.any())
         mass = np.array([b.mass for b in bodies]).reshape(-1)
         moment = np.array([b.moment for b in bodies]).reshape(-1)
-        self._moments, self._weight = moment[:, None], np.stack([mass, mass, moment], axis=1)
+        self._weight = np.stack([mass, mass, moment], axis=1)
         self._nothing = np.zeros((len(bodies), 3))
         self._fall = np.where(self._dynamic[:, None], [*world.gravity, 0.0], 0.0)
         self._falls = bool(world.gravity.any())
         self.roll = np.array([b.roll for b in bodies]).reshape(-1, 2)
         """(N, 2) rad/s: how spheres on a table roll now."""
-        self._roll_before = self.roll
         self._foreseen: list[tuple[Array, Array]] = []
         """What the table does in the next steps while nothing touches, the last first."""
         self.pushes = loads.busy or self._table.busy
         """Whether forces are to be set before a step."""
-        self.accounts = self.pushes or self._resistance.busy
-        """Whether a step has to be settled."""
 
-    def begin(self) -> None:
-        """The next step: one that is taken again starts from here."""
-        self._roll_before = self.roll
-
-    @property
-    def torques(self) -> dict[Pair, float]:
-        """Of the brakes of rolling resistance in the next step, g·px²/s²."""
-        return self._resistance.torques
+    def end(self, load: Forces) -> None:
+        """The step is over: one that was taken again started from where it began."""
+        if load.rolled is not None:
+            self.roll = self.roll + load.rolled
 
     def drift(self, load: Forces | None) -> Array:
         """(N, 2) px/s²: acceleration of each body while nothing touches it."""
@@ -312,7 +291,7 @@ class StepForces:
             trial = trial + self._fall * part if self._falls else trial
             alone &= not (self._loads.busy or self._falls)
             if not (alone and self._foreseen):
-                self._foreseen = self._table.foreseen(trial, self._roll_before, part, 32 if alone else 1)
+                self._foreseen = self._table.foreseen(trial, self.roll, part, 32 if alone else 1)
             change, rolled = self._foreseen.pop()
             grip = change * self._weight
             grip /= h
@@ -327,33 +306,6 @@ class StepForces:
         out = others.copy()
         out[self._moving] = rows
         return out
-
-    def settle(
-        self,
-        load: Forces | None,
-        used: Array,
-        state: Array,
-        contacts: tuple[bytes, bytes],
-        braked: Mapping[Pair, float],
-        h: float,
-    ) -> EnergyFlow:
-        """Lost and work of all but contacts in a step from velocities `used` (M, 3) to `state` (M, 6), and the roll."""
-        lost = work = 0.0
-        if load is not None:
-            mean = self._spread((used + state[:, 3:]) / 2, self._nothing)
-            work = 0.0 if load.drive is None else float(np.vdot(load.drive, mean)) * h
-            lost = 0.0 if load.spend is None else -float(np.vdot(load.spend, mean)) * h
-            if self._handed:  # a spring on a scripted body hands on what its script does
-                work -= float(np.vdot(load.total[self._scripted], mean[self._scripted])) * h
-            if load.rolled is not None:
-                # what the table takes from a sphere's motion partly goes into its rolling
-                half = self._roll_before + load.rolled / 2
-                lost -= float(np.vdot(self._moments * load.rolled, half))
-                self.roll = self._roll_before + load.rolled
-        if self._resistance.busy:
-            spins = dict(zip(self._numbers, ((used[:, 2] + state[:, 5]) / 2).tolist(), strict=True))
-            lost += self._resistance.settle(braked, *contacts, spins, h)
-        return EnergyFlow(lost, work, self.roll if self._table.busy else None)
 
 
 class ScriptedMotion:

@@ -6,10 +6,9 @@ A disc's sliding and spinning share one friction: both end together (Farkas, Bar
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import cache
 from math import atan2, pi
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,10 +16,7 @@ from numpy.typing import NDArray
 
 from physgen.compile.world import World
 from physgen.scene.scene import Motion, Solid
-from physgen.simulate.contacts import WORDS, Array, normal_impulses
-
-Pair = tuple[int, int]
-"""Two bodies; -1 for the world."""
+from physgen.simulate.contacts import Array, Brakes, Order, Pair, impulses_and_normals
 
 
 class Resistance:
@@ -31,40 +27,39 @@ class Resistance:
         self._lever = levers + [0.0] * len(world.walls)
         self._static = [b.motion is Motion.STATIC for b in world.bodies] + [True] * len(world.walls)
         self.busy = any(levers) and world.press == 0
-        self.torques: dict[Pair, float] = {}
-        """Of the brakes in the next step, by the normal forces of the last one, g·px²/s²."""
-        self._words, self._braking = b"", list[tuple[Pair, float, list[int]]]()
-        """Contacts as they are listed, and of each two partners that brake: their brake, lever and rows."""
+        self.brakes = Brakes([], np.zeros((0, 2), np.int64), [])
+        """Of the next step."""
+        self.torques: list[float] = []
+        """Of the brakes, by the normal forces of the last step, g·px²/s²."""
 
-    def settle(
-        self, braked: Mapping[Pair, float], words: bytes, numbers: bytes, spins: dict[int, float], h: float
-    ) -> float:
-        """Energy that the brakes took in a step of mean spins by body, rad/s, in g·px²/s²; sets the next torques.
+    def follow(self, order: Order, numbers: bytes, h: float) -> None:
+        """Set the next brakes and torques by a step's contacts."""
+        if order.brakes is None:
+            order.brakes = self._found(order.listed)
+        self.brakes, self.torques = order.brakes, []
+        if not self.brakes.by:
+            return
+        normals = [abs(ix * nx + iy * ny) for ix, iy, nx, ny in impulses_and_normals(numbers)]
+        for lever, rows in self.brakes.by:
+            torque = 0.0
+            for normal in sorted([normals[k] for k in rows]) if len(rows) > 1 else (normals[rows[0]],):
+                torque += lever * normal / h
+            self.torques.append(torque)
 
-        `braked`: the size of the angular impulse that each brake gave, g·px²/s.
-        """
-        lost = 0.0
-        for (first, second), impulse in braked.items():
-            lost += impulse * abs(spins[first] - spins.get(second, 0.0))
-        self.torques = dict.fromkeys(self.torques, 0.0)
-        if words != self._words:
-            self._words, self._braking = words, self._brakes(words)
-        listed: list[float] = np.frombuffer(numbers).tolist()
-        for key, lever, rows in self._braking:
-            for normal in normal_impulses(listed, rows):
-                self.torques[key] = self.torques.get(key, 0.0) + lever * normal / h
-        return lost
-
-    def _brakes(self, words: bytes) -> list[tuple[Pair, float, list[int]]]:
-        pairs, rows = np.frombuffer(words, np.int64).reshape(-1, WORDS)[:, :2], dict[Pair, list[int]]()
-        for k, (a, b) in enumerate(pairs.tolist()):
-            if self._lever[a] + self._lever[b] > 0:
-                rows.setdefault((a, b), []).append(k)
-        found = []
-        for pair, listed in rows.items():
-            a, b = sorted(pair, key=lambda k: (self._lever[k] == 0, k))
-            found.append(((a, -1 if self._static[b] else b), self._lever[a] + self._lever[b], listed))
-        return found
+    def _found(self, listed: NDArray[np.int64]) -> Brakes:
+        levers, rows = dict[Pair, float](), dict[Pair, list[int]]()
+        partners = listed.tolist()
+        for k in np.lexsort(listed.T[2::-1]).tolist():
+            a, b, _ = partners[k]
+            if (self._lever[a] == 0, a) > (self._lever[b] == 0, b):
+                a, b = b, a
+            if self._lever[a] > 0:
+                pair = a, -1 if self._static[b] else b
+                levers[pair] = self._lever[a] + self._lever[b]
+                rows.setdefault(pair, []).append(k)
+        pairs = list(rows)
+        by = [(levers[pair], rows[pair]) for pair in pairs]
+        return Brakes(pairs, np.array(pairs, np.int64).reshape(-1, 2), by)
 
 
 NODES = 1024
@@ -94,12 +89,6 @@ class Table:
         lever = share / np.maximum(r, 1e-300)
         self._of_balls = [r, lever, 1 / (1 + share), grip[k] * world.press, slow, slow / (1 + share)]
         """(B,) each; the last, rad/s², are what rolling resistance takes from the roll, sliding and not."""
-        self._arrays = SimpleNamespace(
-            angle=np.arctan2, least=np.minimum, most=np.maximum, choice=np.where, parts=_parts
-        )
-        self._plain = SimpleNamespace(
-            angle=atan2, least=min, most=max, choice=lambda flag, a, b: a if flag else b, parts=_plain_parts
-        )
 
     def foreseen(self, velocity: Array, roll: Array, h: float, steps: int) -> list[tuple[Array, Array]]:
         """Changes of velocity (N, 3) and roll (N, 2) in each of some steps of h seconds, the last first, while nothing
@@ -108,16 +97,19 @@ class Table:
         motion, out = np.array([v, velocity[:, 2], rolls]), np.zeros((steps, 3, len(v)), complex)
         moves = np.asarray(motion.any(axis=0))
         moves[self._roll_on(v, velocity[:, 2], rolls, h, out)] = False
-        kinds = (self._slide, self._discs, self._of_discs), (self._roll, self._balls, self._of_balls)
-        for kind, listed, of in kinds:
+        kinds = (
+            (_slide, _slide_one, self._discs, self._of_discs),
+            (_roll, _roll_one, self._balls, self._of_balls),
+        )
+        for several, one, listed, of in kinds:
             mine = np.flatnonzero(moves[listed])
             if len(mine) > 8:  # of fewer, plain numbers are quicker than arrays
                 on, values = listed[mine], [v[mine] for v in of]
-                out[:, :, on] = _path(kind, self._arrays, values, motion[:, on], h, steps)
+                out[:, :, on] = _path(several, values, motion[:, on], h, steps)
                 continue
             for k in mine.tolist():
-                on, values = listed[k], [v[k].item() for v in of]
-                out[:, :, on] = _path(kind, self._plain, values, motion[:, on].tolist(), h, steps)
+                plain: list[float] = [v[k].item() for v in of]
+                out[:, :, listed[k]] = one(plain, motion[:, listed[k]].tolist(), h, steps)
         change, turn, rolled = out[::-1].swapaxes(0, 1)
         changes = np.stack([change.real, change.imag, turn.real], axis=2)
         return list(zip(changes, np.stack([rolled.real, rolled.imag], axis=2), strict=True))
@@ -135,51 +127,61 @@ class Table:
         out[:, 1, self._balls[k]] = -np.sign(spin[k]) * np.clip(left, 0, lost)
         return self._balls[k]
 
-    def _slide(self, do: Any, of: Any, v: Any, spin: Any, roll: Any, h: float) -> tuple[Any, Any, Any]:
-        """Changes of a disc's velocity, spin and roll, by friction as it is after half the time."""
-        half, turn = self._slid(do, of, v, spin, h / 2, v, spin)
-        return *self._slid(do, of, v, spin, h, v + half, spin + turn), 0 * roll
 
-    def _slid(self, do: Any, of: Any, v: Any, spin: Any, h: float, at: Any, at_spin: Any) -> tuple[Any, Any]:
-        """Changes by friction as it is at other speeds; never beyond rest."""
-        grip, mass, patch, moment, ring = of
-        pull, twist = do.parts(do.angle(abs(at), patch * abs(at_spin)), ring)
-        now, spins, least = abs(v), abs(spin), grip * h
-        # the direction is that of the motion; nothing is turned round by friction
-        brake = do.least(pull * least, now) / do.most(now, 1e-300)
-        slowed = do.least(twist * grip * mass * patch / moment * h, spins)
-        # less than a step before both end, they end
-        ends = (spins * moment <= least * mass * patch) & (now + patch * spins <= least)
-        turn = do.choice(spin > 0, -slowed, slowed)
-        return do.choice(ends, -v, -brake * v), do.choice(ends, -spin, turn)
-
-    def _roll(self, do: Any, of: Any, v: Any, spin: Any, roll: Any, h: float) -> tuple[Any, Any, Any]:
-        """Changes of a sphere's velocity, spin and roll."""
-        r, lever, gives, grip, lost_sliding, lost_rolling = of
-        slip = v - 1j * r * roll  # of the lowest point over the table
-        speed = abs(slip)
-        stick = speed * gives
-        brake = do.least(grip * h, stick)
-        change = -brake / do.most(speed, 1e-300) * slip
-        turned = 1j * lever * change
-        # a moment of c x normal force x radius; once a ball rolls it slows both motions alike
-        rolls, now = brake >= stick * (1 - 1e-12), roll + turned
-        stop = do.least(do.choice(rolls, lost_rolling, lost_sliding) * h / do.most(abs(now), 1e-300), 1.0)
-        # it brakes a spin on the spot as well: of a billiard ball by 8.6 rad/s², where Alciatore measures 10
-        twist = do.choice(spin > 0, -1.0, 1.0) * do.least(
-            do.choice(grip > 0, lost_sliding, 0.0) * h, abs(spin)
-        )
-        return change - do.choice(rolls, stop, 0.0) * (v + change), twist, turned - stop * now
-
-
-def _path(kind: Callable[..., Any], do: Any, of: Any, motion: Any, h: float, steps: int) -> list[Any]:
-    """Changes of velocity, spin and roll in each step, of one body or of several."""
+def _path(kind: Callable[..., Any], of: list[Array], motion: Array, h: float, steps: int) -> list[Any]:
+    """Changes of velocity, spin and roll in each step, of several bodies."""
     v, spin, roll = motion
     spin, changes = spin.real, []
     for _ in range(steps):
-        changes.append(kind(do, of, v, spin, roll, h))
+        changes.append(kind(of, v, spin, roll, h))
         v, spin, roll = (now + change for now, change in zip((v, spin, roll), changes[-1], strict=True))
     return changes
+
+
+def _slide(of: list[Array], v: Array, spin: Array, roll: Array, h: float) -> tuple[Array, Array, Array]:
+    """Changes of discs' velocity, spin and roll, by friction as it is after half the time."""
+    half, turn = _slid(of, v, spin, h / 2, v, spin)
+    return *_slid(of, v, spin, h, v + half, spin + turn), 0 * roll
+
+
+def _slid(of: list[Array], v: Array, spin: Array, h: float, at: Array, at_spin: Array) -> tuple[Array, Array]:
+    """Changes by friction as it is at other speeds; never beyond rest."""
+    grip, mass, patch, moment, ring = of
+    pull, twist = _parts(np.arctan2(abs(at), patch * abs(at_spin)), ring)
+    now, spins, least = abs(v), abs(spin), grip * h
+    # the direction is that of the motion; nothing is turned round by friction
+    brake = np.minimum(pull * least, now) / np.maximum(now, 1e-300)
+    slowed = np.minimum(twist * grip * mass * patch / moment * h, spins)
+    # less than a step before both end, they end
+    ends = (spins * moment <= least * mass * patch) & (now + patch * spins <= least)
+    return np.where(ends, -v, -brake * v), np.where(ends, -spin, np.where(spin > 0, -slowed, slowed))
+
+
+def _slide_one(of: list[float], motion: list[complex], h: float, steps: int) -> NDArray[np.complex128]:
+    """(steps, 3): the same of one disc, in some steps."""
+    (grip, mass, patch, moment, ring), (v, spin, _) = of, motion
+    _, forces, torques = _listed_shares(bool(ring))
+    wide, most = (NODES - 1) / (pi / 2), NODES - 2
+    out, turns = np.zeros((steps, 3), complex), spin.real
+    for k in range(steps):
+        now, spins, sign = abs(v), abs(turns), -1.0 if turns > 0 else 1.0
+        change, turn = 0j, 0.0
+        for span in (h / 2, h):
+            least, place = grip * span, atan2(abs(v + change), patch * abs(turns + turn)) * wide
+            node = int(place) if place < most else most
+            part = place - node
+            pull = forces[node] + part * (forces[node + 1] - forces[node])
+            twist = torques[node] + part * (torques[node + 1] - torques[node])
+            if now + patch * spins <= least and spins * moment <= least * mass * patch:
+                change, turn = -v, -turns
+                continue
+            change = -(min(pull * least, now) / (now or 1e-300)) * v
+            turn = sign * min(twist * grip * mass * patch / moment * span, spins)
+        out[k, :2] = change, turn
+        v, turns = v + change, turns + turn
+        if not (v or turns):
+            break
+    return out
 
 
 def _parts(ratio: Array, ring: Any) -> list[Array]:
@@ -189,12 +191,46 @@ def _parts(ratio: Array, ring: Any) -> list[Array]:
     return [np.where(ring, np.interp(ratio, nodes, b), np.interp(ratio, nodes, a)) for a, b in both]
 
 
-def _plain_parts(ratio: float, ring: bool) -> tuple[float, float]:
-    """The same, of one body."""
-    _, forces, torques = _listed_shares(ring)
-    k = int(min(NODES - 2, ratio * ((NODES - 1) / (pi / 2))))
-    part = ratio * ((NODES - 1) / (pi / 2)) - k
-    return forces[k] + part * (forces[k + 1] - forces[k]), torques[k] + part * (torques[k + 1] - torques[k])
+def _roll(of: list[Array], v: Array, spin: Array, roll: Array, h: float) -> tuple[Array, Array, Array]:
+    """Changes of spheres' velocity, spin and roll."""
+    r, lever, gives, grip, lost_sliding, lost_rolling = of
+    slip = v - 1j * r * roll  # of the lowest point over the table
+    speed = abs(slip)
+    stick = speed * gives
+    brake = np.minimum(grip * h, stick)
+    change = -brake / np.maximum(speed, 1e-300) * slip
+    turned = 1j * lever * change
+    # a moment of c x normal force x radius; once a ball rolls it slows both motions alike
+    rolls, now = brake >= stick * (1 - 1e-12), roll + turned
+    stop = np.minimum(np.where(rolls, lost_rolling, lost_sliding) * h / np.maximum(abs(now), 1e-300), 1.0)
+    # it brakes a spin on the spot as well: of a billiard ball by 8.6 rad/s², where Alciatore measures 10
+    twist = np.where(spin > 0, -1.0, 1.0) * np.minimum(np.where(grip > 0, lost_sliding, 0.0) * h, abs(spin))
+    return change - np.where(rolls, stop, 0.0) * (v + change), twist, turned - stop * now
+
+
+def _roll_one(of: list[float], motion: list[complex], h: float, steps: int) -> NDArray[np.complex128]:
+    """(steps, 3): the same of one sphere, in some steps."""
+    (r, lever, gives, grip, lost_sliding, lost_rolling), (v, spin, roll) = of, motion
+    out, turns, twists = np.zeros((steps, 3), complex), spin.real, (lost_sliding if grip > 0 else 0.0) * h
+    across, levers = 1j * r, 1j * lever
+    for k in range(steps):
+        slip = v - across * roll
+        speed = abs(slip)
+        stick = speed * gives
+        brake = min(grip * h, stick)
+        change = -brake / (speed or 1e-300) * slip
+        turned = levers * change
+        now, rolls = roll + turned, brake >= stick * (1 - 1e-12)
+        stop = min((lost_rolling if rolls else lost_sliding) * h / (abs(now) or 1e-300), 1.0)
+        twist = (-1.0 if turns > 0 else 1.0) * min(twists, abs(turns))
+        if rolls:
+            change -= stop * (v + change)
+        turned -= stop * now
+        out[k] = change, twist, turned
+        v, turns, roll = v + change, turns + twist, roll + turned
+        if not (v or turns or roll):
+            break
+    return out
 
 
 @cache

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import inf, sqrt
-from operator import mul
+from operator import add, mul
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,27 +51,30 @@ class Assemblies:
         self.bodies = sorted(self._root)
         """Every body that a joint holds."""
         # what is not dynamic has a place in the system, too, and does not yield
-        self._held = [
-            (joints, sorted({b for joint in joints for b in (joint.first, joint.second) if b is not None}))
-            for _, joints in sorted(self._joints.items())
-        ]
+        self._held: list[tuple[list[Joint], list[int], list[float]]] = []
+        for _, joints in sorted(self._joints.items()):
+            bodies = sorted({b for joint in joints for b in (joint.first, joint.second) if b is not None})
+            weights = [(body.mass, body.mass, body.moment) for body in (world.bodies[b] for b in bodies)]
+            light = [
+                1 / m if dynamic[b] else 0.0 for b, own in zip(bodies, weights, strict=True) for m in own
+            ]
+            self._held.append((joints, bodies, light))
+        self._all = sorted({body for _, bodies, _ in self._held for body in bodies})
 
     def of(self, body: int) -> int | None:
         """The group that a body belongs to; None for one that no joint holds."""
         return self._root.get(body)
 
-    def hold(
-        self, pose: Array, velocity: Array, inverse: Array, h: float, strength: float | None
-    ) -> tuple[Array, float]:
+    def hold(self, pose: Array, velocity: Array, h: float, strength: float | None) -> tuple[Array, float]:
         """Velocities (N, 3) with which every joint is whole a step of h seconds later, and the work of the motors.
 
-        pose (N, 3) now; inverse (N, 3): 1/mass, 1/mass, 1/moment, 0 for what is not dynamic. One linear system a
-        group, so that chains and welds hold whatever their length and masses (SHAKE, Ryckaert and others 1977). A
-        motor turns its two sides at its speed, with at most its limit times `strength`; None: what the pins allow now.
+        pose (N, 3) now. One linear system a group, so that chains and welds hold whatever their length and masses
+        (SHAKE, Ryckaert and others 1977). A motor turns its two sides at its speed, with at most its limit times
+        `strength`; None: what the pins allow now.
         """
-        velocity, work, motors = velocity.copy(), 0.0, strength is not None
-        spots = _Spots(pose)
-        for joints, bodies in self._held:
+        work, motors, spots = 0.0, strength is not None, _Spots(pose, self._all)
+        speeds = dict(zip(self._all, velocity.take(self._all, axis=0).tolist(), strict=True))
+        for joints, bodies, light in self._held:
             place = {body: 3 * k for k, body in enumerate(bodies)}
             rows: list[list[float]] = []
             wanted: list[float] = []
@@ -89,13 +92,12 @@ class Assemblies:
                     rows.append(turn)
                     wanted.append(joint.speed)
                     limits.append(joint.limit * h * (strength or 0.0))
-            light, before = inverse[bodies].ravel(), velocity[bodies].ravel()
-            if len(rows) <= 8 and min(limits) == inf:
-                change = _few_changes(rows, light.tolist(), before.tolist(), wanted)
-                if change:
-                    velocity[bodies] += np.array(change).reshape(-1, 3)
-                    continue
-            J = np.array(rows)
+            now = [speed for body in bodies for speed in speeds[body]]
+            if len(rows) <= 8 and min(limits) == inf and (change := _few_changes(rows, light, now, wanted)):
+                for k, body in enumerate(bodies):
+                    speeds[body] = list(map(add, speeds[body], change[3 * k : 3 * k + 3]))
+                continue
+            J, before = np.array(rows), np.array(now)
             give = (J * light) @ J.T
             give.ravel()[:: len(give) + 1] *= 1 + 1e-12
             goal = np.array(wanted) - J @ before
@@ -110,9 +112,11 @@ class Assemblies:
                 )
             after = before + light * (J.T @ impulse)
             if turned:
-                mean = (J * (light > 0)) @ (before + after) / 2
+                mean = (J * (np.array(light) > 0)) @ (before + after) / 2
                 work += float((impulse * mean)[turned].sum())
-            velocity[bodies] = after.reshape(-1, 3)
+            speeds.update(zip(bodies, after.reshape(-1, 3).tolist(), strict=True))
+        velocity = velocity.copy()
+        velocity[self._all] = list(speeds.values())
         return velocity, work
 
     def response(self, bodies: list[int], inverse: Array, pose: Array) -> Array:
@@ -125,7 +129,7 @@ class Assemblies:
         groups = sorted({g for body in bodies if (g := self.of(body)) is not None})
         if not groups:
             return free
-        spots, size = _Spots(pose), 3 * len(bodies)
+        spots, size = _Spots(pose, self._all), 3 * len(bodies)
         rows = [
             row
             for group in groups
@@ -178,16 +182,17 @@ def _solved(matrix: Array, goal: Array) -> Array:
 class _Spots:
     """Where points of bodies are, in plain numbers: with a few joints arrays take longer."""
 
-    def __init__(self, pose: Array) -> None:
+    def __init__(self, pose: Array, bodies: list[int]) -> None:
         """pose (N, 3)."""
-        self.pose: list[list[float]] = pose.tolist()
-        self._cosines: list[float] = np.cos(pose[:, 2]).tolist()
-        self._sines: list[float] = np.sin(pose[:, 2]).tolist()
+        pose = pose.take(bodies, axis=0)
+        angle = pose[:, 2]
+        turns = zip(pose.tolist(), np.cos(angle).tolist(), np.sin(angle).tolist(), strict=True)
+        self._of = dict(zip(bodies, turns, strict=True))
 
-    def arm(self, body: int, at: Array) -> tuple[float, float]:
-        """px from a body's centre to the point `at` (2,) of it."""
-        c, s, (x, y) = self._cosines[body], self._sines[body], at.tolist()
-        return c * x - s * y, s * x + c * y
+    def find(self, body: int, at: Array) -> tuple[list[float], float, float]:
+        """Pose of a body, and px from its centre to the point `at` (2,) of it."""
+        (pose, c, s), (x, y) = self._of[body], at.tolist()
+        return pose, c * x - s * y, s * x + c * y
 
 
 def _rows(
@@ -205,7 +210,7 @@ def _rows(
             continue
         if body not in place:
             continue
-        k, (px, py, angle), (x, y) = place[body], spots.pose[body], spots.arm(body, at)
+        k, ((px, py, angle), x, y) = place[body], spots.find(body, at)
         off[0] += sign * (px + x)
         off[1] += sign * (py + y)
         off[2] += sign * angle

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from itertools import groupby
 from math import ceil
 
 import numpy as np
@@ -16,8 +17,8 @@ from physgen.compile.world import World
 from physgen.problems import InputError, Place, Problem
 from physgen.scene.scene import Motion
 from physgen.simulate.collisions import Impacts
-from physgen.simulate.contacts import CONTACT_BYTES, Array, touching
-from physgen.simulate.forces import EnergyEvent, EnergyFlow, ForceFields, ScriptedMotion
+from physgen.simulate.contacts import CONTACT_BYTES, Array, Order, touching
+from physgen.simulate.forces import EnergyEvent, ForceFields, Forces, ScriptedMotion
 from physgen.simulate.trajectory import (
     Contacts,
     Effort,
@@ -144,22 +145,33 @@ BYTES = 2_000_000
 """Of contacts that are held before they are read."""
 
 
+NOT_BRAKED = np.zeros((0, 2), np.int64), list[float]()
+
+
 @dataclass(slots=True)
 class Step:
     """One step as it was read."""
 
     time: float
     """s, of its end."""
+    h: float
+    """s."""
     states: bytes
-    words: bytes
+    order: Order
+    """Of its contacts."""
     numbers: bytes
+    """Of them, as they are listed."""
     before: Array | None
     """(M, 3): velocities within the step; None: as the step before left them."""
     original: Array | None
     """(M, 3): the same before impacts changed them; None without impacts."""
     impacts: list[Impacts]
-    settled: EnergyFlow
-    """What lasting forces did in it."""
+    load: Forces | None
+    """Lasting forces in it."""
+    driven: float
+    """g·px²/s² that motors did."""
+    braked: tuple[Index, list[float]]
+    """(B, 2) and g·px²/s: angular impulses between bodies, or the world, -1, by rolling resistance."""
     kicks: list[EnergyEvent]
 
 
@@ -215,24 +227,21 @@ class Recorder:
         self._pose, self._mean, self._roll = pose, velocity, roll
         self._turn = np.tile([1.0, 0.0, 0.0, 0.0], (len(pose), 1))
         self._after = np.zeros((len(self.moving), 3))
-        self._write(step)
+        self._steps.append(step)
         self.flush()
 
     def add(self, step: Step) -> bool:
         """Note a step; True once a block is full and has been read."""
-        self._write(step)
-        if self._count < self._block and self._held < BYTES:
-            return False
-        self.flush()
-        self._block = BLOCK
-        return True
-
-    def _write(self, step: Step) -> None:
         if not self._count:
             self.residual = self.overlap = 0.0
         self._steps.append(step)
         self._count += 1
         self._held += len(step.numbers)
+        if self._count < self._block and self._held < BYTES:
+            return False
+        self.flush()
+        self._block = BLOCK
+        return True
 
     def flush(self) -> None:
         """Read the steps that are held, and begin a new block."""
@@ -245,7 +254,9 @@ class Recorder:
         if not steps:
             return
         M = len(self.moving)
-        self._rolling |= steps[0].settled.roll is not None
+        loads = [step.load for step in steps if step.load is not None]  # of all steps, or of none
+        rolled = [load.rolled for load in loads if load.rolled is not None]
+        self._rolling |= bool(rolled)
         states = np.frombuffer(b"".join(step.states for step in steps), np.float64).reshape(len(steps), M, 6)
         after = states[:, :, 3:]
         before = np.concatenate([self._after[None], after[:-1]])
@@ -255,11 +266,13 @@ class Recorder:
         self._after = after[-1].copy()
         mean = self._all((before + after) / 2)
         pose = self._all(states[:, :, :3], self._still)
+        rolls = np.cumsum([self._roll, *rolled], axis=0)
         flow = np.zeros((len(steps), 2))
         if not self.motion_only:
             flow = self._contacts(steps, pose, self._all(before), self._all(after))
-            flow[:, 0] += [step.settled.lost for step in steps]
-            flow[:, 1] += [step.settled.work for step in steps]
+            lost, work = self._loaded(steps, mean, rolls)
+            flow[:, 0] += lost + self._braked(steps, mean[:, :, 2])
+            flow[:, 1] += work + [step.driven for step in steps]
         ends = np.array([step.time for step in steps])
         # at a step's end half of what it did is done: its velocities are those of the middle of two steps
         smooth = np.cumsum(flow, axis=0) + self._smooth + self._owed - flow / 2
@@ -267,11 +280,8 @@ class Recorder:
         if self._first:  # of the half step to t = 0, nothing is done yet at t = 0
             pose[0], mean[0], smooth, owed = self._pose, self._mean, np.zeros((1, 2)), flow[-1]
             self._first = False
-        rolls = vectors = turns = np.zeros((0, 0, 3))
+        vectors = turns = np.zeros((0, 0, 3))
         if self._rolling:
-            rolls = np.stack(
-                [self._roll, *(self._roll if (r := s.settled.roll) is None else r for s in steps)]
-            )
             spans = np.diff(np.concatenate([[self._time], ends]))[:, None]
             vectors = np.empty(pose.shape)
             vectors[:, :, :2] = (rolls[1:] + rolls[:-1]) / 2 * spans[..., None]
@@ -292,13 +302,46 @@ class Recorder:
         out[:, self.moving] = moving
         return out
 
+    def _loaded(self, steps: list[Step], mean: Array, rolls: Array) -> Array:
+        """(2, S) lost to and work of lasting forces; mean (S, N, 3) velocities, rolls (S + 1, N, 2)."""
+        both, h = np.zeros((2, len(steps))), np.array([step.h for step in steps])
+
+        def work(forces: list[Array | None]) -> Array | float:
+            known = [force for force in forces if force is not None]
+            return (np.array(known) * mean).sum(axis=(1, 2)) * h if known else 0.0
+
+        loads = [step.load for step in steps if step.load is not None]
+        both[0] -= work([load.spend for load in loads])
+        both[1] += work([load.drive for load in loads])
+        scripted = self._scripted[: mean.shape[1], None]
+        if scripted.any():  # a spring on a scripted body hands on what its script does
+            both[1] -= work([load.total * scripted for load in loads])
+        if len(rolls) > 1:  # what the table takes from a sphere's motion partly goes into its rolling
+            rolled = np.array([load.rolled for load in loads])
+            both[0] -= (self._moment[:, None] * rolled * (rolls[:-1] + rolled / 2)).sum(axis=(1, 2))
+        return both
+
+    def _braked(self, steps: list[Step], spin: Array) -> Array:
+        """(S,) lost to rolling resistance; spin (S, N)."""
+        if all(step.braked is NOT_BRAKED for step in steps):
+            return np.zeros(len(steps))
+        row = np.repeat(np.arange(len(steps)), [len(step.braked[1]) for step in steps])
+        pairs = np.concatenate([step.braked[0] for step in steps])
+        still = np.pad(spin, ((0, 0), (0, 1)))  # -1: the world
+        turned = np.abs(still[row, pairs[:, 0]] - still[row, pairs[:, 1]])
+        impulse = np.array([one for step in steps for one in step.braked[1]])
+        return np.bincount(row, impulse * turned, len(steps)).astype(np.float64)
+
     def _contacts(self, steps: list[Step], pose: Array, before: Array, after: Array) -> Array:
         """(S, 2) lost and work of the steps' contacts; impacts go into their own list, and all into the log."""
         S, W = len(steps), len(self.world.walls)
         ends = np.array([step.time for step in steps])
-        counts = [len(step.words) // CONTACT_BYTES for step in steps]
-        row = np.repeat(np.arange(S), counts)
-        touch = touching(b"".join(step.words for step in steps), b"".join(step.numbers for step in steps))
+        row = np.repeat(np.arange(S), [len(step.numbers) // CONTACT_BYTES for step in steps])
+        alike = [(order, list(some)) for order, some in groupby(steps, lambda step: step.order)]
+        touch = touching(
+            b"".join(order.words * len(some) for order, some in alike),
+            b"".join(order.sort(b"".join(step.numbers for step in some)) for order, some in alike),
+        )
         first, second, impulse, count = touch.first, touch.second, touch.impulse, touch.count
         points, normal = (touch.on_first + touch.on_second) / 2, touch.normal
 
@@ -496,7 +539,7 @@ class StepLog:
         """Keep a step; all are let go once they are too many."""
         if self._begin is None:
             return
-        self._held += len(step.states) + len(step.words) + len(step.numbers)
+        self._held += len(step.states) + len(step.numbers)
         self._steps.append(step)
         if self._held > self._most:
             self._steps, self._begin, self._ledger = [], None, None

@@ -5,7 +5,7 @@ No other module uses pymunk. Shapes have no elasticity: bounces are computed in 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from enum import Flag
 from itertools import pairwise
 from typing import Any
@@ -19,8 +19,7 @@ from pymunk.batch import ArbiterFields, BodyFields
 
 from physgen.compile.world import Body, Joint, Wall, World
 from physgen.scene.scene import JointKind, Motion
-from physgen.simulate.contacts import NUMBERS, WORDS, Array
-from physgen.simulate.friction import Pair
+from physgen.simulate.contacts import NO_CONTACTS, WORDS, Array, Order, Pair
 
 Index = NDArray[np.int64]
 
@@ -31,8 +30,6 @@ SEAM = 0.5
 STRAIGHT = 0.999
 """Cosine of the angle up to which two walls that meet make one smooth line."""
 
-_PLACE = [4, 5, 9, 10, 0, 1, 2, 3]
-"""Numbers of a contact by which those of one pair are sorted: points on both bodies, impulse, normal."""
 _STATE = BodyFields.POSITION | BodyFields.ANGLE | BodyFields.VELOCITY | BodyFields.ANGULAR_VELOCITY
 _LOAD = BodyFields.FORCE | BodyFields.TORQUE
 _CONTACT = (
@@ -48,49 +45,6 @@ _CONTACT = (
     | ArbiterFields.POINT_B_2
     | ArbiterFields.DISTANCE_2
 )
-
-
-class Order:
-    """The order, by our numbers of bodies and counts of points, of contacts that pymunk lists in one way."""
-
-    def __init__(self, listed: Index) -> None:
-        """listed (K, 3): both partners and the count of points of each contact."""
-        key = (listed[:, 0] << 32 | listed[:, 1]) << 2 | listed[:, 2]
-        rows = np.argsort(key, kind="stable")
-        ranked = key.take(rows)
-        self.words = listed.take(rows, axis=0).tobytes()
-        # several pieces or segments, of which some touch at one and the same corner
-        self._alike = np.flatnonzero(ranked[1:] == ranked[:-1]) + 1
-        self._runs: list[tuple[int, int]] = []
-        for k in self._alike.tolist():
-            start = self._runs.pop()[0] if self._runs and self._runs[-1][1] == k else k - 1
-            self._runs.append((start, k + 1))
-        self._set(rows)
-
-    def _set(self, rows: Index) -> None:
-        self.rows = rows
-        """(K,): contacts in order."""
-        self.mixed = bool((rows[1:] < rows[:-1]).any())
-        """Whether that is not the order in which they are listed."""
-        if len(self._alike):
-            both = np.concatenate([rows[self._alike - 1], rows[self._alike]])
-            self._places = (NUMBERS * both[:, None] + _PLACE).ravel().astype(np.int64)
-
-    def sort(self, numbers: bytes) -> bytes:
-        """The numbers in order, which is changed where contacts of the same pairs have changed places."""
-        flat, alike = np.frombuffer(numbers), self._alike
-        if len(alike):
-            places = flat.take(self._places).tolist()
-            half, width = len(places) // 2, len(_PLACE)
-            parts = range(0, half, width)
-            if any(places[half + k : half + k + width] < places[k : k + width] for k in parts):
-                rows, values = self.rows.tolist(), flat.tolist()
-                for start, end in self._runs:
-                    rows[start:end] = sorted(
-                        rows[start:end], key=lambda k: [values[NUMBERS * k + at] for at in _PLACE]
-                    )
-                self._set(np.array(rows, np.int64))
-        return flat.reshape(-1, NUMBERS).take(self.rows, axis=0).tobytes() if self.mixed else numbers
 
 
 class Space:
@@ -132,7 +86,9 @@ class Space:
         self._write_states = _batched(space, writer, _STATE, self._place_buffer)
         self._write_loads = _batched(space, writer, _LOAD, self._push_buffer)
         self._brakes: dict[Pair, tuple[pymunk.SimpleMotor, Any]] = {}
-        self._torques: dict[Pair, float] = {}
+        self._braking: Sequence[Pair] = ()
+        self._motors: list[Any] = []
+        """Of the pairs that brake now."""
         self._sweeps = int(space.iterations)
         self._orders: dict[bytes, Order] = {}
         """By contacts as pymunk lists them: few lists come again and again."""
@@ -147,8 +103,8 @@ class Space:
         if count != self._sweeps:
             self._space.iterations = self._sweeps = count
 
-    def step(self, h: float) -> tuple[bytes, bytes, bytes]:
-        """Move by the velocities, then find contacts and change the velocities; states, contact words and numbers."""
+    def step(self, h: float) -> tuple[bytes, Order, bytes]:
+        """Move by the velocities, then find contacts and change the velocities; states, and contacts as listed."""
         # what pymunk does around these calls takes as long as a small step
         lib.cpSpaceStep(self._read_states[0], h)
         states, words, numbers = self._states._float_arr, self._contacts._int_arr, self._contacts._float_arr
@@ -157,18 +113,18 @@ class Space:
         lib.cpSpaceEachCachedArbiter(*self._read_contacts)
         moved: bytes = ffi.buffer(states.arr, 48 * len(self.moving))[:]
         if not words.num:
-            return moved, b"", b""
-        order = self._order(ffi.buffer(words.arr, 8 * words.num)[:])
-        return moved, order.words, order.sort(ffi.buffer(numbers.arr, 8 * numbers.num)[:])
+            return moved, NO_CONTACTS, b""
+        listed = ffi.buffer(words.arr, 8 * words.num)[:]
+        order = self._orders.get(listed) or self._order(listed)
+        return moved, order, ffi.buffer(numbers.arr, 8 * numbers.num)[:]
 
     def _order(self, listed: bytes) -> Order:
         """Of contacts as pymunk lists them: by their bodies' ids, in the order of memory addresses."""
-        if listed not in self._orders:
-            if len(self._orders) * max(len(listed), 8000) >= 8_000_000:
-                self._orders.clear()
-            pairs = np.frombuffer(listed, np.int64).reshape(-1, WORDS).copy()
-            pairs[:, :2] = self._by_id[np.searchsorted(self._ids, pairs[:, :2].view(np.uint64))]
-            self._orders[listed] = Order(pairs)
+        if len(self._orders) * max(len(listed), 8000) >= 8_000_000:
+            self._orders.clear()
+        pairs = np.frombuffer(listed, np.int64).reshape(-1, WORDS).copy()
+        pairs[:, :2] = self._by_id[np.searchsorted(self._ids, pairs[:, :2].view(np.uint64))]
+        self._orders[listed] = Order(pairs)
         return self._orders[listed]
 
     def weaken(self, part: float) -> None:
@@ -189,23 +145,25 @@ class Space:
             self._push_buffer._float_arr.num = 0
             lib.cpSpaceEachBody(*self._write_loads)
 
-    def brake(self, torques: Mapping[Pair, float]) -> None:
+    def brake(self, pairs: Sequence[Pair], torques: list[float]) -> None:
         """Let torques of at most so much resist the turning of one body against another or the world."""
-        for key, torque in torques.items():
-            if torque == self._torques.get(key, -1.0):
-                continue
-            self._torques[key] = torque
-            if key not in self._brakes:
-                other = self._anchor if key[1] < 0 else self._bodies[key[1]]
-                motor = pymunk.SimpleMotor(self._bodies[key[0]], other, 0.0)
-                self._space.add(motor)
-                self._brakes[key] = motor, motor._constraint
-            lib.cpConstraintSetMaxForce(self._brakes[key][1], torque)
+        if pairs is not self._braking:
+            self._braking, before = pairs, self._motors
+            for key in pairs:
+                if key not in self._brakes:
+                    other = self._anchor if key[1] < 0 else self._bodies[key[1]]
+                    motor = pymunk.SimpleMotor(self._bodies[key[0]], other, 0.0)
+                    self._space.add(motor)
+                    self._brakes[key] = motor, motor._constraint
+            self._motors = [self._brakes[key][1] for key in pairs]
+            for motor in before:
+                lib.cpConstraintSetMaxForce(motor, 0.0)
+        for motor, torque in zip(self._motors, torques, strict=True):
+            lib.cpConstraintSetMaxForce(motor, torque)
 
-    def braked(self) -> dict[Pair, float]:
+    def braked(self) -> list[float]:
         """Size of the angular impulse that each brake gave in the last step, g·px²/s."""
-        used = [(key, motor) for key, (_, motor) in self._brakes.items() if self._torques[key]]
-        return {key: lib.cpConstraintGetImpulse(motor) for key, motor in used}
+        return [lib.cpConstraintGetImpulse(motor) for motor in self._motors]
 
 
 def _batched(space: pymunk.Space, name: str, fields: Flag, buffer: batch.Buffer) -> tuple[Any, Any, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from worlds import GRAVITY, ball, box, floor, push, world
 
 from physgen import pipeline
 from physgen.problems import InputError
-from physgen.scene.scene import Load, Motion
+from physgen.scene.scene import Load, Motion, Solid
 from physgen.simulate.engine import simulate
 from physgen.simulate.trajectory import read_trajectory
 
@@ -90,6 +91,19 @@ def test_motion_beyond_all_numbers_is_told() -> None:
     light = ball("a", 0, 0, mass=1e-300, v=(1e12, 0))
     with pytest.raises(InputError, match=r"objects\.a: leaves all numbers by t ="):
         simulate(world(light, pushes=[push(Load.FORCE, (1e12, 0))]))
+
+
+@pytest.mark.parametrize("solid", [Solid.SPHERE, Solid.DISC, Solid.HOOP])
+def test_many_bodies_on_a_table_move_as_one_does(solid: Solid) -> None:
+    """Arrays and plain numbers: sliding, spinning and, at last, at rest."""
+    first = ball("a", 0, 0, v=(250, 40), spin=9.0, mu=0.4, rolling=0.05, solid=solid)
+    many = [replace(first, name=f"b{k}", center=np.array([0, 1000.0 * k])) for k in range(12)]
+    flat = {"gravity": (0, 0), "press": GRAVITY, "table": 0.3, "duration": 2.0}
+    one, all_ = simulate(world(first, **flat)), simulate(world(*many, **flat))
+    assert np.abs(one.velocities[-1]).max() < (150 if solid is Solid.SPHERE else 1e-9)
+    for k in range(12):
+        assert all_.velocities[:, k] == approx(one.velocities[:, 0], abs=1e-3)
+        assert all_.rolls[:, k] == approx(one.rolls[:, 0], abs=1e-4)
 
 
 def test_a_pinned_disc_is_braked_along_its_circle(tmp_path: Path) -> None:
