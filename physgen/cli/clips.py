@@ -65,17 +65,20 @@ def preview_edits(
     path: str, variant: str | None, options: argparse.Namespace, further: Sequence[str]
 ) -> tuple[str, ...]:
     """Edits that make a clip with these `further` edits fast to draw: few frames, of the photo's size."""
+    from physgen import pipeline
+
     try:
         opened = _opened(path, options.allow_outside)
         scene = opened.scene((*options.set, *further), variant)
+        fixed = not scene.world.until_rest
+        world = scene.world if fixed else pipeline.compile(scene, pipeline.percepts(scene)).world
     except InputError:  # reported when it is rendered
         return ()
-    film, length = scene.render, scene.world.duration * scene.render.slow
+    film, length = scene.render, world.duration * scene.render.slow
     count = film.frames or max(1, round(film.fps * length))
     few = min(count, PREVIEW_FRAMES)
     edits = [f"render.frames={few}", f"render.fps={max(1.0, film.fps * few / count):g}"]
-    if scene.world.until_rest:  # how long it takes is not known
-        edits = []
+    edits += [] if fixed else [f"world.duration={world.duration}"]
     edits += ["render.motion_blur=0", "render.supersample=1"]
     given = [edit.partition("=")[0] for edit in (*options.set, *further)]  # the user's own edits stay
     if not {"render.size", "render.scale"} & set(given):

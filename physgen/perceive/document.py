@@ -20,7 +20,7 @@ from physgen import __version__
 from physgen.compile.shapes import fill_polygon, mask_crc
 from physgen.files import resource, write_atomic, write_with_backup
 from physgen.geometry.polygon import Array, Disc, Outline, mass_properties
-from physgen.geometry.scale import playback
+from physgen.geometry.scale import slow_motion
 from physgen.maps import Keep, ignore_kept_file, write_assets, write_png
 from physgen.materials import kind, nouns
 from physgen.perceive.occlusion import drawing_layers, occlusion_orders
@@ -468,7 +468,7 @@ def write_scene(
     schema = assets / SCHEMA
     write_with_backup(schema, resource("schemas", SCHEMA).read_bytes(), keep)
     per_meter = stated_scale(perceived.document)
-    duration, slow = playback(max(perceived.percepts.labels.shape), per_meter)
+    slow = slow_motion(max(perceived.percepts.labels.shape), per_meter)
     record: dict[str, Any] = {
         "physgen": __version__,
         "steps": list(perceived.record),
@@ -476,7 +476,7 @@ def write_scene(
             str(item["mask"]): item | perceived.wrote.get(name, {})
             for name, item in perceived.document["objects"].items()
         },
-        "world": {"pixels_per_meter": per_meter, "duration": duration, "slow": slow}
+        "world": {"pixels_per_meter": per_meter, "slow": slow}
         | {"view": perceived.document["world"].get("view"), "boundaries": body.get("boundaries", {})}
         | perceived.wrote.get("", {}),
         "maps": ranges,

@@ -28,8 +28,8 @@ from physgen.geometry.scale import (
     assumed_scale,
     box_sides,
     photo_scale,
-    playback,
     scale_entry,
+    slow_motion,
 )
 from physgen.maps import F32, Percepts
 from physgen.materials import kind
@@ -149,7 +149,7 @@ def perceive(
             **({"doubtful": doubtful} if doubtful else {}),
             "light": _light(light, shadows),
         }
-        scene["world"]["duration"], slow = playback(side, per_meter)
+        slow = slow_motion(side, per_meter)
         scene["render"] = ({"slow": slow} if slow > 1 else {}) | {"motion_blur": document.MOTION_BLUR}
         if slow > 1:
             comments["render"] = "in slow motion: what moves in so small a place is over at once"
@@ -351,7 +351,7 @@ def _rounded(labels: Labels, objects: Sequence[PhotoObject]) -> Labels:
 
 def _world(boundaries: BoundaryGuess, pixels_per_meter: float, shadows: Shadows) -> dict[str, Any]:
     per_meter = document.short(pixels_per_meter)
-    world: dict[str, Any] = {"view": boundaries.view.value, "pixels_per_meter": per_meter}
+    world = {"view": boundaries.view.value, "pixels_per_meter": per_meter, "duration": "auto"}
     if boundaries.view is View.TOP:
         world["table"] = dict(document.TABLE)
     return world | document.view_entry(shadows, boundaries.view is View.SIDE)

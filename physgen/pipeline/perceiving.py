@@ -165,7 +165,7 @@ def _at_rest(perceived: PerceivedScene) -> PerceivedScene:
 
 
 def _pushed(perceived: PerceivedScene) -> PerceivedScene:
-    """The scene with the push that shows most, tried in a copy without maps; it ends where that motion does."""
+    """The scene with the push that shows most, tried in a copy without maps, in the slow motion that suits it."""
     from physgen.compile.compile import compile_shapes
     from physgen.compile.shapes import shapes_of
     from physgen.geometry.scale import PLAYBACK
@@ -173,7 +173,6 @@ def _pushed(perceived: PerceivedScene) -> PerceivedScene:
     from physgen.pipeline.pushes import default_push
     from physgen.pipeline.stages import ended
     from physgen.scene.provenance import meters
-    from physgen.simulate.recorder import StepLog
 
     document, opened = perceived.document, _tried(perceived)
     sure = {name: mask_confidence(item) for name, item in document["objects"].items()}
@@ -185,28 +184,19 @@ def _pushed(perceived: PerceivedScene) -> PerceivedScene:
     speeds = [meters(part / scene.world.pixels_per_meter) for part in push.velocity]
     item = document["objects"][push.name] | {"velocity": speeds}
     pushed = opened.scene([f"objects.{push.name}.velocity={json.dumps(speeds)}"])
-    longest = replace(pushed.world, duration=PLAYBACK.longest, until_rest=True)
-    compiled, tape = compile_shapes(pushed, shapes), StepLog()
-
-    def end(slow: int) -> float:
-        film = replace(pushed, world=longest, render=replace(pushed.render, slow=slow))
-        return ended(film, compiled, tape).world.duration
-
-    duration, slow, rest = pushed.world.duration, round(pushed.render.slow), end(1)
-    if rest < PLAYBACK.longest:
-        while slow > 1 and slow * rest > PLAYBACK.longest:
-            slow //= 2
-        duration = float(f"{rest if slow == 1 else end(slow):.2g}")
+    slow, film = round(pushed.render.slow), replace(pushed, render=replace(pushed.render, slow=1))
+    rest = ended(film, compile_shapes(film, shapes)).world.duration
+    while slow > 1 and slow * rest > PLAYBACK.longest >= rest:
+        slow //= 2
     render = {key: value for key, value in document["render"].items() if key != "slow"}
     document = document | {
         "objects": document["objects"] | {push.name: item},
-        "world": document["world"] | {"duration": duration},
         "render": ({"slow": slow} if slow > 1 else {}) | render,
     }
     comments = perceived.comments | {f"objects.{push.name}.velocity": push.comment}
     if slow == 1:
         comments.pop("render", None)
-    return replace(perceived, document=document, comments=comments, wrote={"": {"duration": duration}})
+    return replace(perceived, document=document, comments=comments)
 
 
 def _unused_choices(crew: Backends, options: PerceiveOptions) -> list[Problem]:

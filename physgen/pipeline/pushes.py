@@ -37,7 +37,6 @@ class _Trial:
     unsure: float = 0.33  # confidence below which an object is not pushed, as one that is asked to be checked
     tried: int = 3  # candidates that are simulated, at up to a second each
     enough: float = 0.5  # of the most that a candidate shows, that the first one needs to be taken
-    part: float = 0.5  # of the clip, that is simulated
     samples: int = 16  # times at which positions are compared
     far: float = 0.25  # a displacement that counts in full
     least: float = 0.07  # a displacement that is seen: 36 px of a photo of 512
@@ -169,9 +168,9 @@ def _shown(scene: Scene, shapes: Shapes, item: Object, velocity: tuple[float, fl
 
     pushed = tuple(replace(one, velocity=velocity) if one is item else one for one in scene.objects)
     compiled = compile_shapes(replace(scene, objects=pushed), shapes)
-    times = np.linspace(0, TRIAL.part * scene.world.duration, TRIAL.samples)
-    poses = simulate(compiled.world, times).poses[..., :2]
     side = max(scene.size)
+    times = np.linspace(0, side / push_speed(side, scene.world.pixels_per_meter), TRIAL.samples)
+    poses = simulate(compiled.world, times).poses[..., :2]
     inside: NDArray[np.bool_] = np.all((poses >= 0) & (poses < scene.size), axis=-1)
     away = np.where(inside, np.hypot(*np.moveaxis(poses - poses[:1], -1, 0)), 0).max(axis=0) / side
     fastest = float(np.hypot(*np.moveaxis(np.diff(poses, axis=0), -1, 0)).max(initial=0.0)) / times[1]
