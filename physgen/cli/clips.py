@@ -8,14 +8,14 @@ from collections import Counter as Counts
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from textwrap import indent
 from typing import TYPE_CHECKING, Any
 
 from physgen.cli.arguments import FORMATS, WRONG_INPUT, Parser, among, count, draws, names, seed
 from physgen.cli.output import FAILED, OK, Bar, print_backup, print_error, print_line
-from physgen.problems import InputError
+from physgen.problems import InputError, collect
 
 if TYPE_CHECKING:
     from physgen.batch.run import Done, Job, Refiner
@@ -31,12 +31,12 @@ GALLERY_CLIPS = 20_000
 
 def jobs_of(options: argparse.Namespace) -> Iterator[Job]:
     """The jobs of `render`: scenes times variants. Raises InputError."""
-    make = job_maker(options)
-    for path in options.scenes:
-        for variant in variants_of(path, options):
-            edits = _motion_edits(path, variant, options)
-            preview = preview_edits(path, variant, options, edits) if options.preview else ()
-            yield make(path, variant, edits, preview=preview)
+    clips = [(path, variant) for path in options.scenes for variant in variants_of(path, options)]
+    calls: list[Callable[[], Any]] = [partial(_motion_edits, *clip, options) for clip in clips]
+    make, *pushed = collect([partial(job_maker, options), *calls])
+    for clip, edits in zip(clips, pushed, strict=True):
+        preview = preview_edits(*clip, options, edits) if options.preview else ()
+        yield make(*clip, edits, preview=preview)
 
 
 def _motion_edits(path: str, variant: str | None, options: argparse.Namespace) -> tuple[str, ...]:
@@ -102,11 +102,12 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
     from physgen.pipeline import RenderOptions
 
     page = pipeline.Page(options.report or ("none" if options.preview else "full"))
+    checks: list[Callable[[], Any]] = [partial(_refining, options)]
     if options.export:
         from physgen.export.formats import chosen_formats
 
-        chosen_formats(options.export, "--export")
-    refiner, overrides = _refining(options)
+        checks.append(partial(chosen_formats, options.export, "--export"))
+    refiner, overrides = collect(checks)[0]
     models = {"refine": options.refine, "config": options.config}
     common = RenderOptions(
         allow_outside=options.allow_outside,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import cos, hypot, radians, sin, sqrt
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.geometry.scale import push_speed
-from physgen.problems import InputError
+from physgen.problems import InputError, collect
 from physgen.scene.files import equal
 from physgen.scene.provenance import meters
 from physgen.scene.scene import ADD_OBJECT, Motion, Object, Scene, View
@@ -198,34 +199,25 @@ def motion_edits(
     `pushes` are `NAME=DIRECTION[@SPEED]`, `drops` names, `kicks` `X,Y[@SPEED]`. They take the place of the push that
     perception wrote. Raises InputError.
     """
+    made = collect(
+        [
+            *(partial(_push, scene, text) for text in pushes),
+            *(partial(_drop, scene, compiled, name) for name in drops),
+            *(partial(_kick, scene, compiled, text) for text in kicks),
+        ]
+    )
     edits: dict[str, Any] = {}
-    for text in pushes:
-        name, _, rest = text.partition("=")
-        item = named(scene, "--push", name.strip())
-        way, speed = _direction_and_speed(scene, "--push", rest)
-        if not way:
-            fix = f"write --push {item.name}=right"
-            raise InputError.of("--push", f'"{text}"', "lacks a direction", fix)
-        x, y = _direction("--push", way)
-        edits |= _let_go(item)
-        per_meter = scene.world.pixels_per_meter
-        parts = [speed * part for part in (x, y)]
-        kept = [meters(part / per_meter) if _metric(rest) else round(part, 1) + 0.0 for part in parts]
-        edits[f"objects.{item.name}.velocity"] = kept
-    for name in drops:
-        item = named(scene, "--drop", name.strip())
-        if scene.world.view is View.TOP:
-            fix = f"write --push {item.name}=right"
-            raise InputError.of("--drop", f'"{name}"', "cannot fall: the photo is seen from above", fix)
-        edits |= _let_go(item)
-        edits[f"objects.{item.name}.place"] = _lifted(scene, compiled, item)
-        if any(item.velocity):  # it falls straight, unless it is pushed, too
+    forces = [*scene.document["forces"]]
+    for item, moved in made:
+        forces += moved.pop("forces", [])
+        edits |= {} if item.motion is Motion.DYNAMIC else {f"objects.{item.name}.motion": "dynamic"}
+        edits |= moved
+        if f"objects.{item.name}.place" in moved and any(
+            item.velocity
+        ):  # it falls straight, unless it is pushed, too
             edits.setdefault(f"objects.{item.name}.velocity", [0, 0])
-    made = [_kick(scene, compiled, text) for text in kicks]
-    for item, _ in made:
-        edits |= _let_go(item)
-    if made:
-        edits["forces"] = [*scene.document["forces"], *(force for _, force in made)]
+    if kicks:
+        edits["forces"] = forces
     for name in _perceived_pushes(scene) if edits else ():
         edits.setdefault(f"objects.{name}.velocity", [0, 0])
     return edits
@@ -243,8 +235,27 @@ def _perceived_pushes(scene: Scene) -> Iterator[str]:
             yield item.name
 
 
-def _let_go(item: Object) -> dict[str, Any]:
-    return {} if item.motion is Motion.DYNAMIC else {f"objects.{item.name}.motion": "dynamic"}
+def _push(scene: Scene, text: str) -> tuple[Object, dict[str, Any]]:
+    """The object of NAME=DIRECTION[@SPEED], and its velocity, by dotted key."""
+    name, _, rest = text.partition("=")
+    item = named(scene, "--push", name.strip())
+    way, speed = _direction_and_speed(scene, "--push", rest)
+    if not way:
+        fix = f"write --push {item.name}=right"
+        raise InputError.of("--push", f'"{text}"', "lacks a direction", fix)
+    per_meter = scene.world.pixels_per_meter
+    parts = [speed * part for part in _direction("--push", way)]
+    kept = [meters(part / per_meter) if _metric(rest) else round(part, 1) + 0.0 for part in parts]
+    return item, {f"objects.{item.name}.velocity": kept}
+
+
+def _drop(scene: Scene, compiled: Compiled, name: str) -> tuple[Object, dict[str, Any]]:
+    """The object of that name, and the place from which it falls, by dotted key."""
+    item = named(scene, "--drop", name.strip())
+    if scene.world.view is View.TOP:
+        fix = f"write --push {item.name}=right"
+        raise InputError.of("--drop", f'"{name}"', "cannot fall: the photo is seen from above", fix)
+    return item, {f"objects.{item.name}.place": _lifted(scene, compiled, item)}
 
 
 def named(scene: Scene, flag: str, name: str) -> Object:
@@ -354,4 +365,4 @@ def _kick(scene: Scene, compiled: Compiled, text: str) -> tuple[Object, dict[str
     kept = [
         end if px is None else part.strip() for end, px, part in zip(numbers, in_units, ends, strict=True)
     ]
-    return scene.objects[k], {"object": body.name, "impulse": impulse, "at": kept}
+    return scene.objects[k], {"forces": [{"object": body.name, "impulse": impulse, "at": kept}]}
