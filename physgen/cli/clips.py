@@ -32,8 +32,9 @@ GALLERY_CLIPS = 20_000
 def jobs_of(options: argparse.Namespace) -> Iterator[Job]:
     """The jobs of `render`: scenes times variants. Raises InputError."""
     clips = [(path, variant) for path in options.scenes for variant in variants_of(path, options)]
-    calls: list[Callable[[], Any]] = [partial(_motion_edits, *clip, options) for clip in clips]
-    make, *pushed = collect([partial(job_maker, options), *calls])
+    calls: list[Callable[[], Any]] = [partial(job_maker, options)]
+    calls += [partial(_motion_edits, *clip, options) for clip in clips]
+    make, *pushed = collect(calls)
     for clip, edits in zip(clips, pushed, strict=True):
         preview = preview_edits(*clip, options, edits) if options.preview else ()
         yield make(*clip, edits, preview=preview)

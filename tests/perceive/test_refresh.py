@@ -86,7 +86,9 @@ def test_a_box_corrects_the_mask_that_it_covers_and_is_asked_again(scene: Path) 
 
 
 @pytest.mark.slow
-def test_what_was_held_by_a_wrong_mask_moves_with_a_right_one(perceived: Path, tmp_path: Path) -> None:
+def test_what_was_held_by_a_wrong_mask_moves_with_a_right_one(
+    perceived: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """A mask that reaches the photo's border is cut off by it, and held; by a box in the photo's middle it is not."""
     labels = np.zeros((140, 300), np.uint8)
     labels[45:, 135:165] = 1
@@ -99,8 +101,11 @@ def test_what_was_held_by_a_wrong_mask_moves_with_a_right_one(perceived: Path, t
     assert main(["perceive", "--refresh", str(path), "--box", f"{x - 33},{y - 33},66,66"]) == 0
     now = yaml.safe_load(path.read_text())["objects"][name]
     assert "motion" not in now
-    assert "velocity" in now
+    assert any(now["velocity"]), "nothing moved before, and it is pushed as a new scene would push it"
     assert "so it is held" not in path.read_text()
+    (pushed,) = pipeline.load(path).objects
+    assert np.hypot(*pushed.velocity) > 10
+    assert "is pushed to the " in capsys.readouterr().err
 
 
 def parts(text: str) -> dict[str, str]:

@@ -136,6 +136,17 @@ def test_a_still_scene_says_so_and_a_push_prints_what_to_keep(row: Path, tmp_pat
     assert pipeline.load(row).objects[0].velocity[0] > 0
 
 
+def test_a_still_scene_has_no_energy_to_balance(row: Path, tmp_path: Path, capsys) -> None:
+    """Blocks that lie .6 px in the floor are lifted by the engine, which is nobody's work."""
+    row.write_text(ROW.replace("[0, 150], [400, 150]", "[0, 149.4], [400, 149.4]"))
+    assert main(["render", str(row), "-o", str(tmp_path / "out"), "--preview"]) == 0
+    told = capsys.readouterr().err
+    assert "nothing moves in this clip" in told
+    assert "energy" not in told
+    (manifest,) = (tmp_path / "out").glob("*/manifest.json")
+    assert json.loads(manifest.read_text())["energy_imbalance"] == 0
+
+
 def test_a_shorthand_takes_the_place_of_perception_s_push_and_of_no_other(tmp_path: Path, capsys) -> None:
     """As recorded, and as it follows a changed scale; seen in the motion of the object that is not named."""
     rgb = np.full((140, 300, 3), (190, 186, 176), np.uint8)
