@@ -37,7 +37,7 @@ class _Trial:
     loaded: float = 0.7  # less for what carries another object
     unsure: float = 0.33  # confidence below which an object is not pushed, as one that is asked to be checked
     tried: int = 3  # candidates that are simulated, at up to a second each
-    enough: float = 0.5  # of the most that a candidate shows, that the first one needs to be taken
+    enough: float = 0.85  # of the most that a candidate shows, that the first one needs to be taken
     samples: int = 16  # times at which positions are compared
     far: float = 0.25  # a displacement that counts in full
     least: float = 0.07  # a displacement that is seen: 36 px of a photo of 512
@@ -47,10 +47,10 @@ class _Trial:
     gentlest: float = 0.3  # of the speed, at least
     back: float = 0.25  # of what is shown, where the object goes back instead: something stands in its way
     harder: tuple[float, ...] = (1.0, 1.5, 2.5)
-    """Times the ordinary speed, tried in turn until something moves half as far as counts in full, or many do, and,
+    """Times the ordinary speed, tried in turn until something moves as far as counts in full, or many do, and,
     seen from above, until no tenth more is shown: a rack wants a break."""
     worth: float = 1.1
-    many: float = 2.0
+    many: float = 3.0
     """What is shown by a far motion of one object, and all still in the picture; many short ones are as much."""
 
 
@@ -104,7 +104,7 @@ def default_push(scene: Scene, shapes: Shapes, sure: Mapping[str, float]) -> Pus
         more = now > (TRIAL.worth if above else 1.0) * most
         if more:
             best, most = next(push for shown, push in tried if shown >= TRIAL.enough * now), now
-        if (farthest >= TRIAL.far / 2 or most >= TRIAL.many) and not (more and above):
+        if (farthest >= TRIAL.far or most >= TRIAL.many) and not (more and above):
             break
     return best
 
