@@ -32,9 +32,6 @@ class _Trial:
 
     room: float = 0.3  # free way ahead that counts in full
     ahead: float = 1.5  # weight of objects ahead, against that of a free way: something is struck
-    round: float = 0.3  # more for a circle, which goes on rolling
-    apart: float = 1.0  # more, seen from above, for what lies far from all others: it has a run-up
-    loaded: float = 0.7  # less for what carries another object
     unsure: float = 0.33  # confidence below which an object is not pushed, as one that is asked to be checked
     tried: int = 3  # candidates that are simulated, at up to a second each
     enough: float = 0.85  # of the most that a candidate shows, that the first one needs to be taken
@@ -129,21 +126,6 @@ def _ranked(
             border = max(np.array([[0, 0], scene.size]) @ frame[0]) - bodies[k].center @ frame[0]
             free = min([border, *(low[n, 0] - high[k, 0] for n in ahead)]) / (TRIAL.room * side)
             score = min(max(free, 0.0), 1.0) + TRIAL.ahead * (1 - 0.5 ** len(ahead))
-            score += TRIAL.round * (bodies[k].radius is not None)
-            near = [points for n, points in enumerate(corners) if n != k]
-            if scene.world.view is View.TOP:
-                gaps = [np.hypot(*(points - bodies[k].center).T).min() for points in near]
-                score += TRIAL.apart * min(
-                    1.0, (min(gaps, default=0.0) - bodies[k].reach) / (TRIAL.room * side)
-                )
-            else:
-                top, left, right = corners[k][:, 1].min(), corners[k][:, 0].min(), corners[k][:, 0].max()
-                score -= TRIAL.loaded * any(
-                    abs(points[:, 1].max() - top) < 0.02 * side
-                    and points[:, 0].min() < right
-                    and points[:, 0].max() > left
-                    for points in near
-                )
             found.append((score * sure.get(item.name, 1.0), -len(found), item, way))
     return [(item, way) for _, _, item, way in sorted(found, key=lambda one: one[:2], reverse=True)]
 
