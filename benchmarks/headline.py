@@ -183,10 +183,8 @@ def suitability(material: Path) -> str:
         sure = {k + 1: float(c) for k, c in enumerate(segments.confidence)}
         found = Detections(segments.labels, "learned", sure, segments.names, doubtful=segments.doubtful)
         objects, _ = fit_objects(rgb, found)
-        names = crew.call("label", rgb, found.labels, objects)
-        verdict = judge_suitability(
-            rgb, found, objects, names, crew.call("boundary", rgb, found.labels, objects, None)
-        )
+        walls = crew.call("boundary", rgb, found.labels, objects, None)
+        verdict = judge_suitability(rgb, found, objects, walls)
         print(photo, verdict, file=sys.stderr, flush=True)
         counts[kind, half, verdict.verdict] += 1
         why.update((kind, re.sub(r"\d+ %", "N %", reason)) for reason in verdict.reasons)

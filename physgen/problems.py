@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
+
+T = TypeVar("T")
 
 
 class Place(NamedTuple):
@@ -90,6 +92,19 @@ class InputError(Exception):
     def of(cls, file: str, found: str, expected: str, fix: str) -> InputError:
         """One problem with a whole file or a flag."""
         return cls([Problem(Place(file), "", found, expected, fix)])
+
+
+def collect(calls: Iterable[Callable[[], T]]) -> list[T]:
+    """Their results. Raises InputError with the problems of all, each once."""
+    results, problems = list[T](), list[Problem]()
+    for call in calls:
+        try:
+            results.append(call())
+        except InputError as error:
+            problems += error.problems
+    if problems:
+        raise InputError(dict.fromkeys(problems))
+    return results
 
 
 class RefusedError(ValueError):

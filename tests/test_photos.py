@@ -373,6 +373,7 @@ def test_photos_too_small_for_an_object(
     told = capsys.readouterr().err
     if side < 8:
         assert told.count("\n") == 1
+        assert told.startswith(f"{tmp_path / 'p.png'}: {side} x {side} px is too small")
         assert code == 2
         assert "is too small to find objects in; use a photo of at least 8 px a side" in told
         assert not (tmp_path / "s.yaml").exists()

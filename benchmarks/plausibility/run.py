@@ -31,7 +31,7 @@ def plausibility(folder: Path) -> list[dict]:
 def scenes() -> list[dict]:
     """Bundled scenes with their variants, and the first draws of the physics scorecard."""
     rows = []
-    for path, variant in _all():
+    for path, variant in bundled_clips():
         verdict = judge(from_scene(path, variant=variant))
         row = {
             "scene": str(path.relative_to(ROOT)),
@@ -45,7 +45,8 @@ def scenes() -> list[dict]:
     return rows
 
 
-def _all() -> Iterator[tuple[Path, str | None]]:
+def bundled_clips() -> Iterator[tuple[Path, str | None]]:
+    """Files of bundled scenes, and None or a variant."""
     for path in sorted((ROOT / "scenes").glob("*/*.yaml")):
         yield path, None
         for variant in raw_document(path).get("variants") or {}:

@@ -31,18 +31,13 @@ def section(rows: list[dict]) -> list[str]:
         "",
         *prose(
             f"Of the {len(scenes)} bundled scenes and variants {len(scenes) - wrong - unasked} are called right,",
-            f"{wrong} wrong. {studio}{EARLIER}",
+            f"{wrong} wrong. {studio}",
         ),
     ]
 
 
 TRACKERS = ("exact", "1 px")
 """Shown of all in the JSON."""
-EARLIER = (
-    " These figures are of the judge before it was shortened, when it asked two questions more; on the clips of two "
-    "seeds both call as many correctly."
-)
-"""To be removed with the next run of the benchmark."""
 
 
 def _studio(rows: list[dict]) -> str:

@@ -27,7 +27,7 @@ REMOVED = Path(__file__).with_name("removed.json")
 
 
 class Parser(argparse.ArgumentParser):
-    """Wrong flags: one line that says what to do, exit code 2."""
+    """Wrong flags: a line each that says what to do, exit code 2."""
 
     def __init__(self, *arguments: Any, **settings: Any) -> None:
         super().__init__(*arguments, **settings)
@@ -35,6 +35,8 @@ class Parser(argparse.ArgumentParser):
         self.commands: dict[str, Parser] = {}
         self.mixed = False
         """Whether flags may stand between arguments."""
+        self.wrong: list[str] = []
+        """Messages about values so far, printed together."""
 
     def option(
         self,
@@ -73,13 +75,20 @@ class Parser(argparse.ArgumentParser):
     ) -> argparse.Namespace:
         """As argparse; an unknown flag is reported by its command, with the nearest flag that the command has."""
         options, unknown = self.parse_known_args(args, namespace)
-        if not unknown:
-            return options
         command = self.commands.get(getattr(options, "command", ""), self)
+        if not unknown and not command.wrong:
+            return options
         flags = [
             text for text in unknown if text.startswith("-")
         ]  # what follows an unknown flag is its value
-        command.error("; ".join(command.unknown(text) for text in flags or unknown))
+        command.wrong += [command.unknown(text) for text in flags or unknown]
+        command.error(command.wrong.pop())
+
+    def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
+        try:
+            return super()._get_value(action, arg_string)
+        except argparse.ArgumentError as error:  # reported with all others
+            self.wrong.append(str(error))
 
     def unknown(self, text: str) -> str:
         """The message for an argument that was left over."""
@@ -92,7 +101,7 @@ class Parser(argparse.ArgumentParser):
         return f"there is no flag {flag}" + (f", did you mean {close[0]}?" if close else "")
 
     def error(self, message: str) -> NoReturn:
-        """Print the message and a hint; for a word that is none of several, the nearest of them."""
+        """Print what was wrong, a line each, and a hint; for a word that is none of several, the nearest of them."""
         wrong = re.fullmatch(r"argument ([^:]+): invalid choice: '([^']+)' \(choose from (.+)\)", message)
         if wrong is not None and (fix := _instead(wrong[2])):
             message = f"{wrong[2]} was removed; {fix}"
@@ -100,9 +109,8 @@ class Parser(argparse.ArgumentParser):
             close = get_close_matches(wrong[2], [word.strip(" '") for word in wrong[3].split(",")], 1, 0.6)
             if close:
                 message = f"argument {wrong[1]}: invalid choice: '{wrong[2]}', did you mean {close[0]}?"
-        self.exit(
-            WRONG_INPUT, f"{self.prog}: {quoted(message, '', LONGEST_MESSAGE)}; see {self.prog} --help\n"
-        )
+        lines = [quoted(text, "", LONGEST_MESSAGE) for text in dict.fromkeys([*self.wrong, message])]
+        self.exit(WRONG_INPUT, "".join(f"{self.prog}: {line}; see {self.prog} --help\n" for line in lines))
 
 
 def _output(kind: Callable[[str], Any]) -> Callable[[str], Any]:

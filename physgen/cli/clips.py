@@ -8,14 +8,14 @@ from collections import Counter as Counts
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from textwrap import indent
 from typing import TYPE_CHECKING, Any
 
 from physgen.cli.arguments import FORMATS, WRONG_INPUT, Parser, among, count, draws, names, seed
 from physgen.cli.output import FAILED, OK, Bar, print_backup, print_error, print_line
-from physgen.problems import InputError
+from physgen.problems import InputError, collect
 
 if TYPE_CHECKING:
     from physgen.batch.run import Done, Job, Refiner
@@ -31,12 +31,13 @@ GALLERY_CLIPS = 20_000
 
 def jobs_of(options: argparse.Namespace) -> Iterator[Job]:
     """The jobs of `render`: scenes times variants. Raises InputError."""
-    make = job_maker(options)
-    for path in options.scenes:
-        for variant in variants_of(path, options):
-            edits = _motion_edits(path, variant, options)
-            preview = preview_edits(path, variant, options, edits) if options.preview else ()
-            yield make(path, variant, edits, preview=preview)
+    clips = [(path, variant) for path in options.scenes for variant in variants_of(path, options)]
+    calls: list[Callable[[], Any]] = [partial(job_maker, options)]
+    calls += [partial(_motion_edits, *clip, options) for clip in clips]
+    make, *pushed = collect(calls)
+    for clip, edits in zip(clips, pushed, strict=True):
+        preview = preview_edits(*clip, options, edits) if options.preview else ()
+        yield make(*clip, edits, preview=preview)
 
 
 def _motion_edits(path: str, variant: str | None, options: argparse.Namespace) -> tuple[str, ...]:
@@ -65,17 +66,20 @@ def preview_edits(
     path: str, variant: str | None, options: argparse.Namespace, further: Sequence[str]
 ) -> tuple[str, ...]:
     """Edits that make a clip with these `further` edits fast to draw: few frames, of the photo's size."""
+    from physgen import pipeline
+
     try:
         opened = _opened(path, options.allow_outside)
         scene = opened.scene((*options.set, *further), variant)
+        fixed = not scene.world.until_rest
+        world = scene.world if fixed else pipeline.compile(scene, pipeline.percepts(scene)).world
     except InputError:  # reported when it is rendered
         return ()
-    film, length = scene.render, scene.world.duration * scene.render.slow
+    film, length = scene.render, world.duration * scene.render.slow
     count = film.frames or max(1, round(film.fps * length))
     few = min(count, PREVIEW_FRAMES)
     edits = [f"render.frames={few}", f"render.fps={max(1.0, film.fps * few / count):g}"]
-    if scene.world.until_rest:  # how long it takes is not known
-        edits = []
+    edits += [] if fixed else [f"world.duration={world.duration}"]
     edits += ["render.motion_blur=0", "render.supersample=1"]
     given = [edit.partition("=")[0] for edit in (*options.set, *further)]  # the user's own edits stay
     if not {"render.size", "render.scale"} & set(given):
@@ -99,11 +103,12 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
     from physgen.pipeline import RenderOptions
 
     page = pipeline.Page(options.report or ("none" if options.preview else "full"))
+    checks: list[Callable[[], Any]] = [partial(_refining, options)]
     if options.export:
         from physgen.export.formats import chosen_formats
 
-        chosen_formats(options.export, "--export")
-    refiner, overrides = _refining(options)
+        checks.append(partial(chosen_formats, options.export, "--export"))
+    refiner, overrides = collect(checks)[0]
     models = {"refine": options.refine, "config": options.config}
     common = RenderOptions(
         allow_outside=options.allow_outside,

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from physgen.cli.arguments import Command, Parser, check_scene_name, coordinates, names, whole
 from physgen.cli.output import OK, Bar, print_backup, print_error, print_json, print_problem, write_result
-from physgen.problems import InputError, Place, Problem
+from physgen.problems import InputError, Place, Problem, collect
 
 if TYPE_CHECKING:
     from physgen.registry import Backends, Plan
@@ -26,31 +27,32 @@ def perceive(options: argparse.Namespace) -> int:
     folder = options.output is not None and options.output.is_dir()
     if options.refresh is None and (len(options.image) > 1 or (options.image and folder)):
         return _perceive_many(options)
-    check_scene_name(options.output)
-    bar = Bar()
+    bar, boxes = Bar(), len(options.box)
+    checks: list[Callable[[], Any]] = [
+        partial(crew_of, options),
+        partial(check_scene_name, options.output),
+        partial(_refuse_beside_refresh, options),
+        *(partial(coordinates, "--box", text, 4) for text in options.box),
+        *(partial(coordinates, "--point", text, 2) for text in options.point),
+    ]
+    crew, _, _, *marks = collect(checks)
     settings: dict[str, Any] = {
-        "boxes": [coordinates("--box", text, 4) for text in options.box],
-        "points": [coordinates("--point", text, 2) for text in options.point],
+        "boxes": marks[:boxes],
+        "points": marks[boxes:],
         "labels": options.label,
         "asked": options.find,
         "assets": options.assets,
-        "crew": crew_of(options),
+        "crew": crew,
         "progress": bar.show,
         "warn": print_problem,
         "keep": print_backup,
         "inform": print_error,
     }
     if options.refresh:
-        _refuse_beside_refresh(options)
         output = options.output or options.refresh
-        if output.suffix not in (".yaml", ".yml"):
-            fix = "name the new scene file, which gets its maps beside it: -o NEW.yaml"
-            raise InputError.of("perceive", "--refresh", "needs -o", fix)
         from physgen.pipeline.perceiving import refresh
 
         text = refresh(options.refresh, output, allow_outside=options.allow_outside, **settings)
-    elif not options.image:
-        raise InputError.of("perceive", "", "was given no photo", "name one, or a scene: --refresh SCENE")
     else:
         settings |= {"masks": options.masks, "side": options.side, "still": options.still}
         text = pipeline.perceive(options.image[0], options.output, **settings)
@@ -130,16 +132,24 @@ def _plan(options: argparse.Namespace) -> Plan:
 
 
 def _refuse_beside_refresh(options: argparse.Namespace) -> None:
-    """The scene determines its photo and its masks."""
+    """The scene determines its photo and its masks. Raises InputError."""
+    if not options.refresh and not options.image:
+        raise InputError.of("perceive", "", "was given no photo", "name one, or a scene: --refresh SCENE")
     beside = {
         "IMAGE": options.image[0] if options.image else None,
         "--masks": options.masks,
         "--side": options.side,
     }
-    for flag, value in beside.items():
-        if value is not None:
-            fix = f"leave {flag} or --refresh out"
-            raise InputError.of("perceive", f'"{value}"', "cannot be used with --refresh", fix)
+    found = [(flag, value) for flag, value in beside.items() if options.refresh and value is not None]
+    place, wrong = Place("perceive"), "cannot be used with --refresh"
+    problems = [
+        Problem(place, "", f'"{value}"', wrong, f"leave {flag} or --refresh out") for flag, value in found
+    ]
+    if options.refresh and (options.output or options.refresh).suffix not in (".yaml", ".yml"):
+        fix = "name the new scene file, which gets its maps beside it: -o NEW.yaml"
+        problems.append(Problem(place, "", "--refresh", "needs -o", fix))
+    if problems:
+        raise InputError(problems)
 
 
 def import_(options: argparse.Namespace) -> int:

@@ -323,10 +323,8 @@ class _Playback:
     """Of the photo's longer side: a fall over it gives the speed of a push."""
     crossing: float = 1.5
     """s of the video in which a push crosses the photo, about."""
-    length: float = 2.0
-    """Duration, in crossings: time to see what the push leads to."""
     longest: float = 8.0
-    """s of the video that a clip lasts at most to show how all comes to rest, in less slow motion where that helps."""
+    """s of the video in which all comes to rest, in less slow motion where that helps."""
 
 
 PLAYBACK = _Playback()
@@ -359,11 +357,10 @@ def push_speed(side: int, pixels_per_meter: float) -> float:
     return float(f"{sqrt(2 * PLAYBACK.gravity * pixels_per_meter * PLAYBACK.fall * side):.2g}")
 
 
-def playback(side: int, pixels_per_meter: float) -> tuple[float, int]:
-    """Duration, s, and `render.slow` (1, 2, 4 ...) at which a push can be watched."""
+def slow_motion(side: int, pixels_per_meter: float) -> int:
+    """`render.slow` (1, 2, 4 ...) at which a push can be watched."""
     crossing = side / push_speed(side, pixels_per_meter)
-    slow = 2 ** max(0, round(log(PLAYBACK.crossing / crossing, 2)))
-    return float(f"{PLAYBACK.length * crossing:.2g}"), slow
+    return int(2 ** max(0, round(log(PLAYBACK.crossing / crossing, 2))))
 
 
 def _weighted_median(values: Array, weights: Array) -> float:

@@ -20,7 +20,7 @@ from physgen import __version__
 from physgen.compile.shapes import fill_polygon, mask_crc
 from physgen.files import resource, write_atomic, write_with_backup
 from physgen.geometry.polygon import Array, Disc, Outline, mass_properties
-from physgen.geometry.scale import playback
+from physgen.geometry.scale import slow_motion
 from physgen.maps import Keep, ignore_kept_file, write_assets, write_png
 from physgen.materials import kind, nouns
 from physgen.perceive.occlusion import drawing_layers, occlusion_orders
@@ -47,7 +47,7 @@ from physgen.scene.scene import ADD_OBJECT, Solid, View
 from physgen.scene.schema import schema_at
 from physgen.scene.write import scene_text
 from physgen.scene.yaml_edit import marked, with_comments, without_comments, write
-from physgen.text import counted
+from physgen.text import counted, listed
 
 GENERIC = ("object", "thing")
 """Labels without meaning."""
@@ -365,7 +365,10 @@ def summary(perceived: PerceivedScene) -> list[str]:
     sure = {name: mask_confidence(item) for name, item in objects.items()}
     ends = sorted({min(sure.values(), default=0.0), max(sure.values(), default=0.0)})
     confidence = f", confidence {' to '.join(f'{end:g}' for end in ends)}" if sure else ""
-    first = f"{counted(len(objects), 'object')}{confidence}; suitability: {perceived.suitability}"
+    unsure = [f"{name} {one:g}" for name, one in sure.items() if one < DOUBTS.unsure]
+    check = f", but look at {listed([name.split()[0] for name in unsure], 'and')}"
+    suits = f"{perceived.suitability}{check if unsure and str(perceived.suitability) == 'good' else ''}"
+    first = f"{counted(len(objects), 'object')}{confidence}; suitability: {suits}"
     if not objects:
         return [first, f"  objects   none; {ADD_OBJECT}"]
     table = {
@@ -383,7 +386,6 @@ def summary(perceived: PerceivedScene) -> list[str]:
     ways = {name: comments.get(f"objects.{name}.velocity", ", as before").split(", ")[1] for name in pushed}
     table["motion"] = "; ".join(f"{name} is pushed {way.partition(';')[0]}" for name, way in ways.items())
     table["motion"] = table["motion"] or "nothing is pushed; try render --push NAME=right"
-    unsure = [f"{name} {one:g}" for name, one in sure.items() if one < DOUBTS.unsure]
     regions = len(document.get("doubtful", ()))
     doubts = [f"{', '.join(unsure)}: what is no object goes under doubtful, as {{mask: N}}"] if unsure else []
     if regions:
@@ -468,7 +470,7 @@ def write_scene(
     schema = assets / SCHEMA
     write_with_backup(schema, resource("schemas", SCHEMA).read_bytes(), keep)
     per_meter = stated_scale(perceived.document)
-    duration, slow = playback(max(perceived.percepts.labels.shape), per_meter)
+    slow = slow_motion(max(perceived.percepts.labels.shape), per_meter)
     record: dict[str, Any] = {
         "physgen": __version__,
         "steps": list(perceived.record),
@@ -476,7 +478,7 @@ def write_scene(
             str(item["mask"]): item | perceived.wrote.get(name, {})
             for name, item in perceived.document["objects"].items()
         },
-        "world": {"pixels_per_meter": per_meter, "duration": duration, "slow": slow}
+        "world": {"pixels_per_meter": per_meter, "slow": slow}
         | {"view": perceived.document["world"].get("view"), "boundaries": body.get("boundaries", {})}
         | perceived.wrote.get("", {}),
         "maps": ranges,

@@ -28,8 +28,8 @@ from physgen.geometry.scale import (
     assumed_scale,
     box_sides,
     photo_scale,
-    playback,
     scale_entry,
+    slow_motion,
 )
 from physgen.maps import F32, Percepts
 from physgen.materials import kind
@@ -94,10 +94,7 @@ def perceive(
     (`ball-*`). `crew` fills the roles; `asked` are the nouns to search for, for segmenters that take nouns.
     `pixels_per_meter` is the photo's true scale, where the user knows it. Raises InputError where no scene can be made.
     """
-    if min(rgb.shape[:2]) < SMALLEST_SIDE:
-        found_size = f"{rgb.shape[1]} x {rgb.shape[0]} px"
-        fix = f"use a photo of at least {SMALLEST_SIDE} px a side"
-        raise InputError.of("the photo", found_size, "is too small to find objects in", fix)
+    check_size(rgb)
     run = _Run(rgb, crew or Backends(), progress)
     scenery: Scenery | None = None
     if found is None:
@@ -149,7 +146,7 @@ def perceive(
             **({"doubtful": doubtful} if doubtful else {}),
             "light": _light(light, shadows),
         }
-        scene["world"]["duration"], slow = playback(side, per_meter)
+        slow = slow_motion(side, per_meter)
         scene["render"] = ({"slow": slow} if slow > 1 else {}) | {"motion_blur": document.MOTION_BLUR}
         if slow > 1:
             comments["render"] = "in slow motion: what moves in so small a place is over at once"
@@ -164,6 +161,14 @@ def perceive(
             depth=depth, normals=normals, albedo=intrinsics.albedo, shading=intrinsics.shading,
         )  # fmt: skip
         return run.signed(PerceivedScene(percepts, scene, comments, warnings, suitability=suits))
+
+
+def check_size(rgb: Rgb, file: str = "the photo") -> None:
+    """Raises InputError where a photo is too small."""
+    if min(rgb.shape[:2]) < SMALLEST_SIDE:
+        found_size = f"{rgb.shape[1]} x {rgb.shape[0]} px"
+        fix = f"use a photo of at least {SMALLEST_SIDE} px a side"
+        raise InputError.of(file, found_size, "is too small to find objects in", fix)
 
 
 @dataclass(frozen=True)
@@ -351,7 +356,7 @@ def _rounded(labels: Labels, objects: Sequence[PhotoObject]) -> Labels:
 
 def _world(boundaries: BoundaryGuess, pixels_per_meter: float, shadows: Shadows) -> dict[str, Any]:
     per_meter = document.short(pixels_per_meter)
-    world: dict[str, Any] = {"view": boundaries.view.value, "pixels_per_meter": per_meter}
+    world: dict[str, Any] = {"view": boundaries.view.value, "pixels_per_meter": per_meter, "duration": "auto"}
     if boundaries.view is View.TOP:
         world["table"] = dict(document.TABLE)
     return world | document.view_entry(shadows, boundaries.view is View.SIDE)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from math import sqrt
 from typing import Any
 from zlib import crc32
 
@@ -245,9 +244,6 @@ def rescaled(
             part[key] = part = {**part.get(key, {})}
         part[path[-1]] = value
     wrote: dict[str, dict[str, Any]] = {"": {"given": True} if scale_is_given(old, record, side) else {}}
-    if record.scale and isinstance(record.world.get("duration"), int | float):
-        pace = sqrt(record.scale / stated_scale(new))
-        wrote[""]["duration"] = float(f"{pace * record.world['duration']:.2g}")
     for name, was in old["objects"].items():
         velocity = record.entry(name, was).get("velocity", [0, 0])
         wrote[name] = {} if equal(was.get("velocity", [0, 0]), velocity) else {"velocity": velocity}

@@ -116,13 +116,10 @@ class Labels:
 
     def check_kept(self, final: Path) -> None:
         """Raises InputError where the folder holds files of an earlier run that this one would remove."""
-        from physgen.report.folders import recorded_files
-        from physgen.text import listed
+        from physgen.report.folders import lost_files
 
-        again = {"trajectory.npz", *(kind.name for kind in self.kinds)}
-        lost = sorted({name.partition("/")[0] for name in recorded_files(final)} - again)
-        if lost:
-            expected = f"holds {listed(lost, 'and')} of an earlier run, which would go"
+        if lost := lost_files(final, {"trajectory.npz", *(kind.name for kind in self.kinds)}):
+            expected = f"holds {lost} of an earlier run, which would go"
             fix = "name all formats at once, or choose another folder with -o"
             raise InputError.of(str(final), "", expected, fix)
 
@@ -277,7 +274,7 @@ class _Run:
 
     def made(self, refiners: Refiners) -> Path:
         """The folder, complete. Raises InputError."""
-        from physgen.report.folders import atomic_folder
+        from physgen.report.folders import atomic_folder, lost_files
 
         record, film = self.record, self.film
         faults: Sequence[Problem] = ()
@@ -309,6 +306,11 @@ class _Run:
             if not self.inputs_unchanged():
                 record.mark = ""  # the next run makes it again: which of the two was drawn is unknown
             write_manifest(record, folder)
+            lost = lost_files(self.final, record.files)
+        if lost:
+            fix = "name all formats at once, or another folder with -o, to have both"
+            gone = f"had {lost} of an earlier run, which this one replaced"
+            self._warn(Problem(Place(str(self.final)), "", "", gone, fix, Severity.WARNING))
         if faults:
             raise InputError([*faults, _kept(self.final, "has the clip without refinement")])
         return self.final
@@ -362,10 +364,10 @@ class _Run:
                 fix = f"{name} has a velocity and is stuck: see what holds it by {look}"
             why = "nothing moves in this clip" + ": the scene has no objects" * (not names)
             self.warn(Problem(scene.place("objects"), "", "", why, fix or ADD_OBJECT, Severity.WARNING))
+        else:  # at rest, no energy flows; a body's fall by a pixel is the least that counts
+            weight = sum(body.mass for body in world.bodies) * float(np.hypot(*world.gravity))
+            record.imbalance = trajectory.imbalance(weight)
         record.samples, record.effort = trajectory.sample_hashes(), asdict(trajectory.effort)
-        # a body's fall by a pixel is the least that counts: at rest, no energy flows
-        weight = sum(body.mass for body in world.bodies) * float(np.hypot(*world.gravity))
-        record.imbalance = trajectory.imbalance(weight)
         if record.imbalance > UNBALANCED:
             fix = "raise world.steps_per_second, or look for masses far apart or joints that contradict each other"
             found = f"has an error of {record.imbalance:.0%} of the energy that flows"

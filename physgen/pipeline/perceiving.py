@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -64,7 +65,7 @@ def perceive(
     """
     from physgen.maps import read_labels
     from physgen.perceive.document import summary, write_scene
-    from physgen.perceive.perceive import LONGEST_SIDE, shrink_detections, shrink_photo
+    from physgen.perceive.perceive import LONGEST_SIDE, check_size, shrink_detections, shrink_photo
     from physgen.perceive.perceive import perceive as run
     from physgen.perceive.segment.prompts import Segmenter, from_masks, from_prompts
     from physgen.photos import read_photo
@@ -83,6 +84,7 @@ def perceive(
         fix = "save it as sRGB if its colours look wrong"
         warn(Problem(place, "", "the colour profile", "cannot be used", fix, Severity.WARNING))
     rgb = shrink_photo(photo.rgb, options.side or LONGEST_SIDE)
+    check_size(rgb, str(image))
     height, width = photo.rgb.shape[:2]
     as_it_is = photo.plain and rgb is photo.rgb
     if rgb is not photo.rgb:
@@ -107,11 +109,9 @@ def perceive(
     for problem in perceived.warnings:
         warn(problem)
     progress("push", 0, 1)
-    try:
+    with suppress(InputError):  # it is reported when the scene is rendered
         perceived = _at_rest(perceived)
         perceived = perceived if options.still else _pushed(perceived)
-    except InputError:  # as it is reported when the scene is rendered
-        pass
     first, *more = summary(perceived)
     inform("\n".join([f"{image}: {first}", *more]))
     return write_scene(perceived, image if as_it_is else None, image.stem, output, options.assets, keep)
@@ -165,7 +165,7 @@ def _at_rest(perceived: PerceivedScene) -> PerceivedScene:
 
 
 def _pushed(perceived: PerceivedScene) -> PerceivedScene:
-    """The scene with the push that shows most, tried in a copy without maps; it ends where that motion does."""
+    """The scene with the push that shows most, tried in a copy without maps, in the slow motion that suits it."""
     from physgen.compile.compile import compile_shapes
     from physgen.compile.shapes import shapes_of
     from physgen.geometry.scale import PLAYBACK
@@ -173,7 +173,6 @@ def _pushed(perceived: PerceivedScene) -> PerceivedScene:
     from physgen.pipeline.pushes import default_push
     from physgen.pipeline.stages import ended
     from physgen.scene.provenance import meters
-    from physgen.simulate.recorder import StepLog
 
     document, opened = perceived.document, _tried(perceived)
     sure = {name: mask_confidence(item) for name, item in document["objects"].items()}
@@ -185,28 +184,30 @@ def _pushed(perceived: PerceivedScene) -> PerceivedScene:
     speeds = [meters(part / scene.world.pixels_per_meter) for part in push.velocity]
     item = document["objects"][push.name] | {"velocity": speeds}
     pushed = opened.scene([f"objects.{push.name}.velocity={json.dumps(speeds)}"])
-    longest = replace(pushed.world, duration=PLAYBACK.longest, until_rest=True)
-    compiled, tape = compile_shapes(pushed, shapes), StepLog()
-
-    def end(slow: int) -> float:
-        film = replace(pushed, world=longest, render=replace(pushed.render, slow=slow))
-        return ended(film, compiled, tape).world.duration
-
-    duration, slow, rest = pushed.world.duration, round(pushed.render.slow), end(1)
-    if rest < PLAYBACK.longest:
-        while slow > 1 and slow * rest > PLAYBACK.longest:
-            slow //= 2
-        duration = float(f"{rest if slow == 1 else end(slow):.2g}")
-    render = {key: value for key, value in document["render"].items() if key != "slow"}
+    slow, film = round(pushed.render.slow), replace(pushed, render=replace(pushed.render, slow=1))
+    rest = ended(film, compile_shapes(film, shapes)).world.duration
+    while slow > 1 and slow * rest > PLAYBACK.longest >= rest:
+        slow //= 2
+    render = {key: value for key, value in document.get("render", {}).items() if key != "slow"}
     document = document | {
         "objects": document["objects"] | {push.name: item},
-        "world": document["world"] | {"duration": duration},
         "render": ({"slow": slow} if slow > 1 else {}) | render,
     }
     comments = perceived.comments | {f"objects.{push.name}.velocity": push.comment}
     if slow == 1:
         comments.pop("render", None)
-    return replace(perceived, document=document, comments=comments, wrote={"": {"duration": duration}})
+    return replace(perceived, document=document, comments=comments)
+
+
+def _released(perceived: PerceivedScene, was: Mapping[str, Mapping[str, Any]]) -> PerceivedScene:
+    """The scene with a push if an object moves again that `was` held."""
+    objects = perceived.document["objects"]
+    if any("motion" in item and "motion" not in objects.get(name, item) for name, item in was.items()):
+        with suppress(InputError):
+            pushed = _pushed(perceived)
+            document = perceived.document | {"objects": pushed.document["objects"]}
+            return replace(perceived, document=document, comments=pushed.comments)
+    return perceived
 
 
 def _unused_choices(crew: Backends, options: PerceiveOptions) -> list[Problem]:
@@ -326,11 +327,18 @@ def refresh(
         kept_maps = replace(perceived.percepts, labels=marked, clean=clean, depth=depth)
         perceived = replace(perceived, percepts=kept_maps)
     moving = {item.name: {"velocity": list(item.velocity)} for item in scene.objects if any(item.velocity)}
-    told = {name: item | moving.get(name, {}) for name, item in seen["objects"].items()}
+    perceived = replace(perceived, document=document)
+    if not (moving or scene.forces):
+        perceived = _released(perceived, old["objects"])
+    document = perceived.document
+    told = {
+        name: item | moving.get(name, {"velocity": document["objects"].get(name, item).get("velocity", ())})
+        for name, item in seen["objects"].items()
+    }
     first, *more = summary(replace(perceived, document={**seen, "objects": told, "doubtful": doubtful}))
     inform("\n".join([f"{path}: {first}", *more]))
     text = None if "extends" in own else path.read_bytes().decode("utf-8-sig")
     comments = {} if text is None else perceived.comments  # only those of values that are new are written
-    perceived = replace(perceived, document=document, comments=comments, wrote=wrote)
+    perceived = replace(perceived, comments=comments, wrote=wrote)
     image = scene.image if photo.plain else None
     return write_scene(perceived, image, scene.image.stem, output, options.assets, keep, text, record)

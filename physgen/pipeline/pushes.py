@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import cos, hypot, radians, sin, sqrt
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.geometry.scale import push_speed
-from physgen.problems import InputError
+from physgen.problems import InputError, collect
 from physgen.scene.files import equal
 from physgen.scene.provenance import meters
 from physgen.scene.scene import ADD_OBJECT, Motion, Object, Scene, View
@@ -31,13 +32,9 @@ class _Trial:
 
     room: float = 0.3  # free way ahead that counts in full
     ahead: float = 1.5  # weight of objects ahead, against that of a free way: something is struck
-    round: float = 0.3  # more for a circle, which goes on rolling
-    apart: float = 1.0  # more, seen from above, for what lies far from all others: it has a run-up
-    loaded: float = 0.7  # less for what carries another object
     unsure: float = 0.33  # confidence below which an object is not pushed, as one that is asked to be checked
     tried: int = 3  # candidates that are simulated, at up to a second each
-    enough: float = 0.5  # of the most that a candidate shows, that the first one needs to be taken
-    part: float = 0.5  # of the clip, that is simulated
+    enough: float = 0.85  # of the most that a candidate shows, that the first one needs to be taken
     samples: int = 16  # times at which positions are compared
     far: float = 0.25  # a displacement that counts in full
     least: float = 0.07  # a displacement that is seen: 36 px of a photo of 512
@@ -47,10 +44,10 @@ class _Trial:
     gentlest: float = 0.3  # of the speed, at least
     back: float = 0.25  # of what is shown, where the object goes back instead: something stands in its way
     harder: tuple[float, ...] = (1.0, 1.5, 2.5)
-    """Times the ordinary speed, tried in turn until something moves half as far as counts in full, or many do, and,
+    """Times the ordinary speed, tried in turn until something moves as far as counts in full, or many do, and,
     seen from above, until no tenth more is shown: a rack wants a break."""
     worth: float = 1.1
-    many: float = 2.0
+    many: float = 3.0
     """What is shown by a far motion of one object, and all still in the picture; many short ones are as much."""
 
 
@@ -104,7 +101,7 @@ def default_push(scene: Scene, shapes: Shapes, sure: Mapping[str, float]) -> Pus
         more = now > (TRIAL.worth if above else 1.0) * most
         if more:
             best, most = next(push for shown, push in tried if shown >= TRIAL.enough * now), now
-        if (farthest >= TRIAL.far / 2 or most >= TRIAL.many) and not (more and above):
+        if (farthest >= TRIAL.far or most >= TRIAL.many) and not (more and above):
             break
     return best
 
@@ -129,21 +126,6 @@ def _ranked(
             border = max(np.array([[0, 0], scene.size]) @ frame[0]) - bodies[k].center @ frame[0]
             free = min([border, *(low[n, 0] - high[k, 0] for n in ahead)]) / (TRIAL.room * side)
             score = min(max(free, 0.0), 1.0) + TRIAL.ahead * (1 - 0.5 ** len(ahead))
-            score += TRIAL.round * (bodies[k].radius is not None)
-            near = [points for n, points in enumerate(corners) if n != k]
-            if scene.world.view is View.TOP:
-                gaps = [np.hypot(*(points - bodies[k].center).T).min() for points in near]
-                score += TRIAL.apart * min(
-                    1.0, (min(gaps, default=0.0) - bodies[k].reach) / (TRIAL.room * side)
-                )
-            else:
-                top, left, right = corners[k][:, 1].min(), corners[k][:, 0].min(), corners[k][:, 0].max()
-                score -= TRIAL.loaded * any(
-                    abs(points[:, 1].max() - top) < 0.02 * side
-                    and points[:, 0].min() < right
-                    and points[:, 0].max() > left
-                    for points in near
-                )
             found.append((score * sure.get(item.name, 1.0), -len(found), item, way))
     return [(item, way) for _, _, item, way in sorted(found, key=lambda one: one[:2], reverse=True)]
 
@@ -169,9 +151,9 @@ def _shown(scene: Scene, shapes: Shapes, item: Object, velocity: tuple[float, fl
 
     pushed = tuple(replace(one, velocity=velocity) if one is item else one for one in scene.objects)
     compiled = compile_shapes(replace(scene, objects=pushed), shapes)
-    times = np.linspace(0, TRIAL.part * scene.world.duration, TRIAL.samples)
-    poses = simulate(compiled.world, times).poses[..., :2]
     side = max(scene.size)
+    times = np.linspace(0, side / push_speed(side, scene.world.pixels_per_meter), TRIAL.samples)
+    poses = simulate(compiled.world, times).poses[..., :2]
     inside: NDArray[np.bool_] = np.all((poses >= 0) & (poses < scene.size), axis=-1)
     away = np.where(inside, np.hypot(*np.moveaxis(poses - poses[:1], -1, 0)), 0).max(axis=0) / side
     fastest = float(np.hypot(*np.moveaxis(np.diff(poses, axis=0), -1, 0)).max(initial=0.0)) / times[1]
@@ -199,34 +181,25 @@ def motion_edits(
     `pushes` are `NAME=DIRECTION[@SPEED]`, `drops` names, `kicks` `X,Y[@SPEED]`. They take the place of the push that
     perception wrote. Raises InputError.
     """
+    made = collect(
+        [
+            *(partial(_push, scene, text) for text in pushes),
+            *(partial(_drop, scene, compiled, name) for name in drops),
+            *(partial(_kick, scene, compiled, text) for text in kicks),
+        ]
+    )
     edits: dict[str, Any] = {}
-    for text in pushes:
-        name, _, rest = text.partition("=")
-        item = named(scene, "--push", name.strip())
-        way, speed = _direction_and_speed(scene, "--push", rest)
-        if not way:
-            fix = f"write --push {item.name}=right"
-            raise InputError.of("--push", f'"{text}"', "lacks a direction", fix)
-        x, y = _direction("--push", way)
-        edits |= _let_go(item)
-        per_meter = scene.world.pixels_per_meter
-        parts = [speed * part for part in (x, y)]
-        kept = [meters(part / per_meter) if _metric(rest) else round(part, 1) + 0.0 for part in parts]
-        edits[f"objects.{item.name}.velocity"] = kept
-    for name in drops:
-        item = named(scene, "--drop", name.strip())
-        if scene.world.view is View.TOP:
-            fix = f"write --push {item.name}=right"
-            raise InputError.of("--drop", f'"{name}"', "cannot fall: the photo is seen from above", fix)
-        edits |= _let_go(item)
-        edits[f"objects.{item.name}.place"] = _lifted(scene, compiled, item)
-        if any(item.velocity):  # it falls straight, unless it is pushed, too
+    forces = [*scene.document["forces"]]
+    for item, moved in made:
+        forces += moved.pop("forces", [])
+        edits |= {} if item.motion is Motion.DYNAMIC else {f"objects.{item.name}.motion": "dynamic"}
+        edits |= moved
+        if f"objects.{item.name}.place" in moved and any(
+            item.velocity
+        ):  # it falls straight, unless it is pushed, too
             edits.setdefault(f"objects.{item.name}.velocity", [0, 0])
-    made = [_kick(scene, compiled, text) for text in kicks]
-    for item, _ in made:
-        edits |= _let_go(item)
-    if made:
-        edits["forces"] = [*scene.document["forces"], *(force for _, force in made)]
+    if kicks:
+        edits["forces"] = forces
     for name in _perceived_pushes(scene) if edits else ():
         edits.setdefault(f"objects.{name}.velocity", [0, 0])
     return edits
@@ -244,8 +217,27 @@ def _perceived_pushes(scene: Scene) -> Iterator[str]:
             yield item.name
 
 
-def _let_go(item: Object) -> dict[str, Any]:
-    return {} if item.motion is Motion.DYNAMIC else {f"objects.{item.name}.motion": "dynamic"}
+def _push(scene: Scene, text: str) -> tuple[Object, dict[str, Any]]:
+    """The object of NAME=DIRECTION[@SPEED], and its velocity, by dotted key."""
+    name, _, rest = text.partition("=")
+    item = named(scene, "--push", name.strip())
+    way, speed = _direction_and_speed(scene, "--push", rest)
+    if not way:
+        fix = f"write --push {item.name}=right"
+        raise InputError.of("--push", f'"{text}"', "lacks a direction", fix)
+    per_meter = scene.world.pixels_per_meter
+    parts = [speed * part for part in _direction("--push", way)]
+    kept = [meters(part / per_meter) if _metric(rest) else round(part, 1) + 0.0 for part in parts]
+    return item, {f"objects.{item.name}.velocity": kept}
+
+
+def _drop(scene: Scene, compiled: Compiled, name: str) -> tuple[Object, dict[str, Any]]:
+    """The object of that name, and the place from which it falls, by dotted key."""
+    item = named(scene, "--drop", name.strip())
+    if scene.world.view is View.TOP:
+        fix = f"write --push {item.name}=right"
+        raise InputError.of("--drop", f'"{name}"', "cannot fall: the photo is seen from above", fix)
+    return item, {f"objects.{item.name}.place": _lifted(scene, compiled, item)}
 
 
 def named(scene: Scene, flag: str, name: str) -> Object:
@@ -355,4 +347,4 @@ def _kick(scene: Scene, compiled: Compiled, text: str) -> tuple[Object, dict[str
     kept = [
         end if px is None else part.strip() for end, px, part in zip(numbers, in_units, ends, strict=True)
     ]
-    return scene.objects[k], {"object": body.name, "impulse": impulse, "at": kept}
+    return scene.objects[k], {"forces": [{"object": body.name, "impulse": impulse, "at": kept}]}

@@ -14,6 +14,7 @@ from pathlib import Path
 from physgen.files import machine_id, partial
 from physgen.problems import InputError
 from physgen.report.record import TIMING
+from physgen.text import listed
 
 _LEFT = re.compile(r"\.(?P<name>.+)\.(?P<process>\d{1,10})-(?P<machine>[0-9a-f]{8})\.(?P<kind>part|old)")
 _SWEPT: set[Path] = set()
@@ -124,13 +125,15 @@ def output_folder(out: Path, name: str) -> Path:
     return final
 
 
-def recorded_files(folder: Path) -> list[str]:
-    """Files that the manifest of an earlier run lists; empty where there is none."""
+def lost_files(folder: Path, again: Iterable[str]) -> str:
+    """What an earlier run left in a folder and a new one, which writes `again`, does not; "" for nothing."""
     try:
         manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
-        return [str(name) for name in manifest["files"]] if manifest["manifest"] == 1 else []
+        known = manifest["files"] if manifest["manifest"] == 1 else []
+        kept, there = ({str(name).partition("/")[0] for name in names} for names in (again, known))
     except (OSError, ValueError, KeyError, TypeError):
-        return []
+        return ""
+    return listed(sorted(there - kept), "and")
 
 
 def looks_like_clip(names: Iterable[str]) -> bool:

@@ -18,7 +18,7 @@ from physgen.geometry.scale import (
     is_assumed,
     photo_object,
     photo_scale,
-    playback,
+    slow_motion,
     weigh,
 )
 from physgen.materials import kind
@@ -168,7 +168,7 @@ def stated_scale(scene: Entry) -> float:
 def scaled_values(
     scene: Entry, record: Record, pixels_per_meter: float, side: int
 ) -> dict[tuple[str, ...], Any]:
-    """Speeds of pushes, the duration and the slow motion that perception wrote, for another scale; by path.
+    """Speeds of pushes and the slow motion that perception wrote, for another scale; by path.
 
     `scene` is the data as it is written. A push keeps the speed, in px/s, that suits the scale.
     """
@@ -183,12 +183,10 @@ def scaled_values(
             speeds = [quantity(part, "m/s", 1.0) if isinstance(part, str) else 0 for part in velocity]
             if any(speeds) and None not in speeds:
                 found["objects", name, "velocity"] = [meters(ratio * (part or 0)) for part in speeds]
-    world, film = scene.get("world", {}), scene.get("render", {})
-    if "duration" in record.world and equal(world.get("duration"), record.world["duration"]):
-        found["world", "duration"] = float(f"{ratio * record.world['duration']:.2g}")
-        before, slow = film.get("slow", 1), playback(side, pixels_per_meter)[1]
-        if "frames" not in film and equal(before, record.world.get("slow", 1)) and slow != before:
-            found["render", "slow"] = slow
+    film = scene.get("render", {})
+    before, slow = film.get("slow", 1), slow_motion(side, pixels_per_meter)
+    if "frames" not in film and equal(before, record.world.get("slow")) and slow != before:
+        found["render", "slow"] = slow
     return found
 
 

@@ -91,7 +91,7 @@ export function start(editor) {
         }),
       ),
       heading("Time"),
-      row(["world", "duration"], "duration", { step: 0.1 }),
+      row(["world", "duration"], "duration", { step: 0.1, says: () => (/duration:\s*auto/.test(editor.state.text) ? "auto: until all rests, at most this long" : "") }),
       row(["world", "combine"], "pairs", {
         kind: "choice",
         choices: [

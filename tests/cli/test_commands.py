@@ -54,6 +54,20 @@ def test_render_writes_everything_it_promises(lesson: Path, tmp_path: Path, caps
     assert read_trajectory(folder / "trajectory.npz").sample_hashes() == manifest["samples"]
 
 
+def test_what_an_earlier_run_wrote_goes_with_a_warning(lesson: Path, tmp_path: Path, capsys) -> None:
+    command = ["render", str(lesson), "-o", str(tmp_path), "--preview"]
+    assert main(command) == 0
+    assert "earlier" not in capsys.readouterr().err
+    assert main([*command, "--format", "gif"]) == 0
+    folder = tmp_path / "lesson"
+    assert not (folder / "video.mp4").exists()
+    warning = f"{folder}: warning: had video.mp4 of an earlier run, which this one replaced; name all formats at once"
+    assert warning in capsys.readouterr().err
+    assert main([*command, "--format", "gif,mp4"]) == 0
+    assert main([*command, "--format", "gif,mp4", "--no-cache"]) == 0
+    assert capsys.readouterr().err == ""
+
+
 def test_runs_and_jobs_give_the_same_bytes(lesson: Path, tmp_path: Path) -> None:
     other = lesson.with_name("other.yaml")
     other.write_text(lesson.read_text().replace("mass: 100", "mass: 150"))

@@ -36,3 +36,47 @@ def test_what_was_removed_names_what_to_use(command: list[str], instead: str, ca
     told = capsys.readouterr().err
     assert instead in told
     assert "too many" not in told
+
+
+def test_each_wrong_value_is_reported(capsys) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(
+            ["render", "scene.yaml", "--jobs", "none", "--fan", "-1", "--format", "avi", "--pusch", "a=right"]
+        )
+    assert ended.value.code == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 4
+    for line, word in zip(lines, ("--jobs", "--fan", "--format", "did you mean --push?"), strict=True):
+        assert word in line
+        assert line.startswith("physgen render: ")
+
+
+def test_each_wrong_name_is_reported(lesson, tmp_path, capsys) -> None:
+    wrong = {"--push": "bal=left", "--drop": "crat", "--kick": "1,2,3", "--export": "bad", "--refine": "bad"}
+    command = ["render", str(lesson), "-o", str(tmp_path / "out"), "--push", "ball=sideways"]
+    assert main([*command, *(text for pair in wrong.items() for text in pair)]) == 2
+    told = capsys.readouterr().err.splitlines()
+    assert len(told) == 6
+    assert {line.partition(":")[0] for line in told} == set(wrong)
+    assert (
+        main(
+            [
+                "perceive",
+                "photo.png",
+                "--box",
+                "1,2,3",
+                "--point",
+                "x",
+                "--backend",
+                "segment=bad",
+                "-o",
+                "a.txt",
+            ]
+        )
+        == 2
+    )
+    flags = {line.partition(":")[0] for line in capsys.readouterr().err.splitlines()}
+    assert {"--box", "--point", "-o"} < flags
+    assert len(flags) == 4
+    assert main(["perceive", "photo.png", "--refresh", "a.yaml", "--side", "300"]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 2

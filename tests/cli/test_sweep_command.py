@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from physgen import tables
+from physgen import pipeline, tables
 from physgen.cli.main import main
 
 GRID = ["objects.ball.velocity.0=300,200", "objects.crate.friction=0:1:2"]
@@ -141,7 +141,10 @@ def test_previews_last_as_long_as_their_own_clips(lesson: Path, tmp_path: Path) 
 
     out = tmp_path / "out"
     assert sweep(lesson, out, "world.duration=0.25,3", "--preview") == 0
-    for name, seconds in (("00,duration=0.25", 0.25), ("01,duration=3", 3)):
+    scene = pipeline.load(lesson, ["world.duration=auto"])
+    until_rest = pipeline.compile(scene, None).world.duration
+    assert main(["render", str(lesson), "--set", "world.duration=auto", "--preview", "-o", str(out)]) == 0
+    for name, seconds in (("00,duration=0.25", 0.25), ("01,duration=3", 3), ("lesson", until_rest)):
         film = cv2.VideoCapture(str(out / name / "video.mp4"))
         frames = film.get(cv2.CAP_PROP_FRAME_COUNT)
         assert frames <= 24

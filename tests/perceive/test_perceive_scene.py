@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -10,7 +11,7 @@ from physgen.maps import read_labels
 from physgen.perceive import document
 from physgen.perceive.document import summary, write_scene
 from physgen.perceive.perceive import fit_objects, perceive
-from physgen.perceive.roles import Detections, PerceivedScene, Segments
+from physgen.perceive.roles import Detections, PerceivedScene, Segments, Suitability
 from physgen.perceive.segment.prompts import Segmenter, from_masks, from_prompts, segment_point
 from physgen.photos import read_image
 from physgen.problems import InputError
@@ -89,6 +90,16 @@ def test_a_photo_becomes_a_valid_scene(seen: PerceivedScene, tmp_path: Path):
     assert first.startswith(f"{len(scene.objects)} objects, confidence ")
     assert [line.split()[0] for line in more] == ["objects", "scale", "view", "support", "motion"]
     assert all(item.name in more[3] for item in scene.objects if item.motion is Motion.STATIC)
+
+
+def test_a_good_photo_of_an_unsure_object_says_where_to_look(seen: PerceivedScene):
+    objects = seen.document["objects"]
+    torn = objects["block-2"] | {"from": objects["block-2"]["from"] | {"mask": "learned 0.6"}}
+    unsure = seen.document | {"objects": objects | {"block-2": torn}}
+    for reasons, told in (((), "good, but look at block-2"), (("outdoors",), "doubtful: outdoors")):
+        made = replace(seen, document=unsure, suitability=Suitability(reasons))
+        assert summary(made)[0].endswith(f"; suitability: {told}")
+    assert summary(replace(seen, suitability=Suitability(())))[0].endswith("; suitability: good")
 
 
 def test_percepts_agree_with_each_other(seen: PerceivedScene):

@@ -90,6 +90,17 @@ def test_nothing_beneath_and_an_unclear_view():
     assert "perspective" in one.doubts(replace(GOOD, confidence=0.52))
 
 
+def test_what_is_in_the_sky_has_no_support():
+    """Ledges under one object each are seen on a shelf, and guessed in the sky."""
+    one = Found()
+    ledge = replace(GOOD.walls[0], reason="under one object")
+    shelves = replace(GOOD, walls=(ledge, ledge, ledge))
+    assert one.doubts(shelves) == "good"
+    one.rgb[:90] = (110, 160, 230)
+    assert one.doubts(shelves) == "doubtful: outdoors, sky; no support is seen beneath the objects"
+    assert one.doubts() == "doubtful: outdoors, sky"
+
+
 def test_an_object_that_fills_the_photo():
     one = Found()
     one.found.labels[:120] = 1

@@ -136,6 +136,17 @@ def test_a_still_scene_says_so_and_a_push_prints_what_to_keep(row: Path, tmp_pat
     assert pipeline.load(row).objects[0].velocity[0] > 0
 
 
+def test_a_still_scene_has_no_energy_to_balance(row: Path, tmp_path: Path, capsys) -> None:
+    """Blocks that lie .6 px in the floor are lifted by the engine, which is nobody's work."""
+    row.write_text(ROW.replace("[0, 150], [400, 150]", "[0, 149.4], [400, 149.4]"))
+    assert main(["render", str(row), "-o", str(tmp_path / "out"), "--preview"]) == 0
+    told = capsys.readouterr().err
+    assert "nothing moves in this clip" in told
+    assert "energy" not in told
+    (manifest,) = (tmp_path / "out").glob("*/manifest.json")
+    assert json.loads(manifest.read_text())["energy_imbalance"] == 0
+
+
 def test_a_shorthand_takes_the_place_of_perception_s_push_and_of_no_other(tmp_path: Path, capsys) -> None:
     """As recorded, and as it follows a changed scale; seen in the motion of the object that is not named."""
     rgb = np.full((140, 300, 3), (190, 186, 176), np.uint8)
@@ -204,3 +215,20 @@ def test_what_is_pushed_and_stuck_is_said_to_be_held(tmp_path: Path, capsys) -> 
     )
     assert main(["render", str(path), "-o", str(tmp_path / "out")]) == 0
     assert "nothing moves in this clip; block has a velocity and is stuck" in capsys.readouterr().err
+
+
+def test_a_push_that_sets_much_in_motion_is_preferred(tmp_path: Path) -> None:
+    """A ball with a free way to three heavy blocks is ranked first; the box behind it moves itself and the ball."""
+    objects = "".join(
+        f"  block-{k}: {{mass: 3000, shape: {{box: {{center: [{x}, 130], size: [20, 40]}}}}}}\n"
+        for k, x in enumerate((20, 300, 325, 350))
+    )
+    objects += "  ball: {mass: 50, rolling: 0.02, shape: {circle: {center: [60, 138], radius: 12}}}\n"
+    path = tmp_path / "scene.yaml"
+    path.write_text(ROW.partition("  domino-0")[0] + objects + ROW[ROW.index("boundaries") :])
+    scene = pipeline.load(path)
+    push = default_push(scene, shapes_of(scene, None), {})
+    assert push is not None
+    edits = [f"objects.{push.name}.velocity=[{push.velocity[0]}, 0]", "world.duration=auto"]
+    poses = pipeline.simulate(pipeline.compile(pipeline.load(path, edits), None).world).poses
+    assert (np.ptp(poses[..., 0], axis=0) > 40).sum() >= 2

@@ -135,7 +135,9 @@ class _Doubts:
     foliage: float = 0.1
     detail: float = 0.4  # fine detail: clutter, crowds, gravel
     view: float = 0.6  # confidence of the view
-    unheld: float = 0.5  # of the objects, under which nothing is seen
+    unheld: float = (
+        0.5  # of the objects, under which nothing is seen: in the sky, that is a line under one alone
+    )
     filling: float = 0.6  # one object, as large as the largest that is looked for
     side: int = 256  # px, the photo's width as its texture is judged
     patch: int = 9  # px, over which detail is averaged
@@ -164,7 +166,11 @@ def judge_suitability(
     if (largest := max(area.values(), default=0.0)) > DOUBTS.filling:
         reasons.append(f"one object fills {100 * largest:.0f} % of it")
     loose = [t for t in objects if not t.cut]
-    unheld = len(boundaries.held) + sum(wall.name.startswith("nest") for wall in boundaries.walls)
+    sky = any("sky" in reason for reason in reasons)
+    guessed = (
+        w.name.startswith("nest") or (sky and w.reason == "under one object") for w in boundaries.walls
+    )
+    unheld = len(boundaries.held) + sum(guessed)
     if unheld > DOUBTS.unheld * max(len(loose), 1):
         reasons.append("no support is seen beneath the objects")
     if view < DOUBTS.view:
