@@ -80,7 +80,7 @@ def ghosts(folder: Path, names: list[str] | None = None) -> list[dict]:
         assert maps.background is not None
         compiled = pipeline.compile(scene, maps)
         drawn = pipeline.stage(scene, compiled, maps)
-        track = simulate(compiled.world, np.array([0.0, scene.world.duration]))
+        track = simulate(compiled.world, np.array([0.0, compiled.world.duration]))
         away = replace(track, poses=track.poses + np.array([[[0.0, 0, 0]], [[1e5, 1e5, 0]]]))
         last, empty = (list(pipeline.render(drawn, one))[-1] for one in (track, away))
         open_ = _open(last, empty)

@@ -69,6 +69,7 @@ def _cell(value: Any) -> str:
 def check(options: argparse.Namespace) -> int:
     from physgen import pipeline
     from physgen.compile.world import pair_header
+    from physgen.pipeline.stages import resolved as resolved_data
     from physgen.scene.write import scene_text
 
     report: list[Problem] = []
@@ -83,7 +84,9 @@ def check(options: argparse.Namespace) -> int:
                 compiled = pipeline.compile(scene, maps)
                 own |= dict.fromkeys(pipeline.lint(scene, compiled, maps))
                 if options.resolved:
-                    resolved.append(scene_text(scene.document, header=pair_header(compiled.world)))
+                    resolved.append(
+                        scene_text(resolved_data(scene, compiled), header=pair_header(compiled.world))
+                    )
         except InputError as error:
             own |= dict.fromkeys(error.problems)
         report += [problem for problem in own if problem not in report]

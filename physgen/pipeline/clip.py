@@ -18,7 +18,7 @@ import numpy as np
 from physgen.export.video import U8, Format
 from physgen.files import file_stamp
 from physgen.pipeline.refining import Refiners, guidance_footage, refine_footage
-from physgen.pipeline.stages import Aside, Film, Keep, Stages, fan, lint, render
+from physgen.pipeline.stages import Aside, Film, Keep, Stages, fan, lint, render, resolved
 from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
 from physgen.progress import Progress, silent
 from physgen.scene.scene import ADD_OBJECT, Motion
@@ -251,7 +251,7 @@ class _Run:
             maps = stages.maps(scene)
         self.scene, self._stamps = scene, maps.stamps
         self.final = output_folder(out, scene.name)
-        record.scene, record.document = scene.name, scene.document
+        record.scene = scene.name
         record.seeds = {"refine": scene.refine.seed}
         record.inputs = inputs(scene, Path(path), stages.hash)
         record.source = source_of(Path(path), self.final)
@@ -259,6 +259,7 @@ class _Run:
         progress("compile", 0, 1)
         with record.stage("compile"):
             compiled = stages.compile(scene, maps)
+            record.document = resolved(scene, compiled)
             warnings = lint(scene, compiled, maps.percepts)
         for problem in warnings:
             self.warn(problem)
@@ -464,7 +465,7 @@ class _Run:
         if scene.render.overlay or not shot.opens_on_photo:  # the page draws on the photo itself
             first = next(render(film.stage, trajectory)).rgb
         section = None if draws is None else draws.section(world, first)
-        text = scene_text(scene.document)
+        text = scene_text(record.document)
         parts = PageParts(self._player(), self._perceived(), changed, section)
         html = report_page(scene, world, record, first, shown, text, parts)
         (folder / "report.html").write_text(html, "utf-8", "backslashreplace")

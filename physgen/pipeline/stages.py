@@ -16,7 +16,7 @@ from enum import Enum
 from functools import cached_property
 from pathlib import Path
 from threading import Lock, Thread
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,6 +114,12 @@ def ended(scene: Scene, compiled: Compiled, tape: StepLog | None = None) -> Comp
             break
     end = min(max(last + pause, 1 / slow), most)
     return replace(compiled, world=replace(world, duration=end, times=frame_times(scene, end)))
+
+
+def resolved(scene: Scene, compiled: Compiled) -> dict[str, Any]:
+    """The scene's data with defaults, and the duration that `auto` comes to."""
+    fixed = {"duration": compiled.world.duration} if scene.world.until_rest else {}
+    return {**scene.document, "world": {**scene.document["world"], **fixed}}
 
 
 def lint(scene: Scene, compiled: Compiled, maps: Percepts | None = None) -> list[Problem]:
