@@ -53,11 +53,12 @@ class Order:
         key = (listed[:, 0] << 32 | listed[:, 1]) << 2 | listed[:, 2]
         self._rows = np.argsort(key, kind="stable")
         ranked = key.take(self._rows)
-        self.listed = listed
+        self.listed, self.raw = listed, listed.tobytes()
         self.words = listed.take(self._rows, axis=0).tobytes()
         # several pieces or segments, of which some touch at one and the same corner
+        self._alike = np.flatnonzero(ranked[1:] == ranked[:-1]) + 1
         self._runs: list[tuple[int, int]] = []
-        for k in (np.flatnonzero(ranked[1:] == ranked[:-1]) + 1).tolist():
+        for k in self._alike.tolist():
             start = self._runs.pop()[0] if self._runs and self._runs[-1][1] == k else k - 1
             self._runs.append((start, k + 1))
         self.places = np.tile(_POINTS, len(listed))
@@ -71,10 +72,14 @@ class Order:
         if not (self._mixed or self._runs):
             return numbers
         steps = np.frombuffer(numbers).reshape(-1, len(self._rows), NUMBERS).take(self._rows, axis=1)
+        x = steps[:, :, _PLACE[0]]
+        if not self._runs or (x.take(self._alike - 1, axis=1) < x.take(self._alike, axis=1)).all():
+            return steps.tobytes()
         for start, end in self._runs:
             alike = steps[:, start:end]
             by = np.lexsort([alike[..., at] for at in reversed(_PLACE)], axis=-1)
             steps[:, start:end] = np.take_along_axis(alike, by[..., None], axis=1)
+            self._rows[start:end] = self._rows[start:end][by[-1]]  # the next steps' order most likely
         return steps.tobytes()
 
 

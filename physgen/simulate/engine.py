@@ -385,7 +385,7 @@ class Stepper:
             return None
         self._space.iterations = self._governor.sweeps
         _, _, order, numbers = self._begun = self._begin(end, h, None)
-        new = order is not self._order and new_contacts(order.words, self._order.words)
+        new = order is not self._order and new_contacts(order.raw, self._order.raw)
         if new or self._leaps(order, numbers):
             return None
         return self._end(end, h, None, None, None, [], [])
@@ -430,7 +430,7 @@ class Stepper:
             # the last try is taken as it comes: what still closes then does not bounce
             new: Sequence[int] | None = None
             if not (self.suspicious or self._leaps(order, numbers)):  # the first step is one, too
-                new = new_contacts(order.words, self._order.words) if order is not self._order else ()
+                new = new_contacts(order.raw, self._order.raw) if order is not self._order else ()
             if attempt < ATTEMPTS - 1 and (new is None or new):
                 if state is None:
                     state = self.state().copy()
@@ -511,10 +511,10 @@ class Stepper:
         threshold = self._governor.threshold(h)
         wide, fast = self._wide, self._fast
         wide[self._space.moving], fast[self._space.moving] = pose, velocity
-        words, numbers = order.words, order.sort(numbers)
         rows = range(len(order.listed)) if new is None else new
-        if len(rows) <= FEW and not any_closes(words, numbers, rows, wide, fast, threshold):
+        if len(rows) <= FEW and not any_closes(order.raw, numbers, rows, wide, fast, threshold):
             return None
+        words, numbers = order.words, order.sort(numbers)
         points = contact_points(words, numbers, wide, fast)
         if not (points.closing > threshold).any():
             return None

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from itertools import groupby
 from math import ceil
 
 import numpy as np
@@ -337,11 +336,15 @@ class Recorder:
         S, W = len(steps), len(self.world.walls)
         ends = np.array([step.time for step in steps])
         row = np.repeat(np.arange(S), [len(step.numbers) // CONTACT_BYTES for step in steps])
-        alike = [(order, list(some)) for order, some in groupby(steps, lambda step: step.order)]
-        touch = touching(
-            b"".join(order.words * len(some) for order, some in alike),
-            b"".join(order.sort(b"".join(step.numbers for step in some)) for order, some in alike),
-        )
+        alike: dict[Order, list[int]] = {}
+        for s, step in enumerate(steps):
+            alike.setdefault(step.order, []).append(s)
+        numbers = [step.numbers for step in steps]
+        for order, some in alike.items():
+            ordered, size = order.sort(b"".join(numbers[s] for s in some)), len(numbers[some[0]])
+            for k, s in enumerate(some):
+                numbers[s] = ordered[size * k : size * (k + 1)]
+        touch = touching(b"".join(step.order.words for step in steps), b"".join(numbers))
         first, second, impulse, count = touch.first, touch.second, touch.impulse, touch.count
         points, normal = (touch.on_first + touch.on_second) / 2, touch.normal
 
