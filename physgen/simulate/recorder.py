@@ -337,8 +337,8 @@ class Recorder:
         ends = np.array([step.time for step in steps])
         row = np.repeat(np.arange(S), [len(step.numbers) // CONTACT_BYTES for step in steps])
         alike: dict[Order, list[int]] = {}
-        for s, step in enumerate(steps):
-            alike.setdefault(step.order, []).append(s)
+        for s, order in enumerate([step.order for step in steps]):
+            alike.setdefault(order, []).append(s)
         numbers = [step.numbers for step in steps]
         for order, some in alike.items():
             ordered, size = order.sort(b"".join(numbers[s] for s in some)), len(numbers[some[0]])
@@ -543,6 +543,7 @@ class StepLog:
         if self._begin is None:
             return
         self._held += len(step.states) + len(step.numbers)
+        self._held += 0 if step.load is None else 3 * step.load.total.nbytes
         self._steps.append(step)
         if self._held > self._most:
             self._steps, self._begin, self._ledger = [], None, None
