@@ -283,10 +283,7 @@ _MODELS = {
     "inpaint": "diffusion",
     "boundary": "depth-normals",
 }
-PROFILES: Mapping[str, Mapping[str, str]] = {
-    "offline": {},
-    "models": _MODELS,
-}
+PROFILES: Mapping[str, Mapping[str, str]] = {"offline": {}, "models": _MODELS}
 """Role to backend; other roles have their defaults."""
 SWITCHES = ("device", "dtype", "profile")
 DTYPES = ("auto", "float32", "float16", "bfloat16")

@@ -10,15 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from physgen.cli.arguments import Command, Parser, count, seed, whole
-from physgen.cli.output import (
-    FAILED,
-    OK,
-    Bar,
-    print_backup,
-    print_error,
-    print_json,
-    print_problems,
-)
+from physgen.cli.output import FAILED, OK, Bar, print_backup, print_error, print_json, print_problems
 from physgen.files import install
 from physgen.problems import InputError, Problem
 

@@ -12,18 +12,7 @@ from contextlib import suppress
 from errno import ENAMETOOLONG
 
 from physgen import __version__
-from physgen.cli import (
-    dataset,
-    edit,
-    evaluate,
-    export,
-    gallery,
-    perceive,
-    render,
-    simulate,
-    sweep,
-    verify,
-)
+from physgen.cli import dataset, edit, evaluate, export, gallery, perceive, render, simulate, sweep, verify
 from physgen.cli.arguments import WRONG_INPUT, Command, Parser
 from physgen.cli.output import FAILED, INTERRUPTED, OK, print_error, print_json, print_problems
 from physgen.files import final_name

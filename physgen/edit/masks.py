@@ -22,11 +22,7 @@ from physgen.geometry.fitting import fit_outlines
 from physgen.geometry.scale import photo_object
 from physgen.perceive.document import object_names
 from physgen.perceive.roles import SMALLEST_OBJECT, Name, PhotoObject, PromptedMask, Rgb, Segments
-from physgen.perceive.segment.prompts import (
-    Segmenter,
-    segment_box,
-    segment_point,
-)
+from physgen.perceive.segment.prompts import Segmenter, segment_box, segment_point
 from physgen.pipeline.pushes import NEAR
 from physgen.pipeline.stages import Recent
 from physgen.problems import InputError, impossible

@@ -10,12 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.export.correspondence import (
-    is_ball,
-    photo_view,
-    similarity,
-    spans,
-)
+from physgen.export.correspondence import is_ball, photo_view, similarity, spans
 from physgen.export.labels import Clip, Moment, View, Writer, write_json, write_png
 from physgen.geometry.polygon import Array
 from physgen.maps import F32, U16

@@ -445,12 +445,7 @@ class _Run:
         return folder / "truth" if self.options.formats else folder
 
     def write_page(
-        self,
-        trajectory: Trajectory,
-        first: U8,
-        folder: Path,
-        changed: Comparison | None,
-        draws: Draws | None,
+        self, trajectory: Trajectory, first: U8, folder: Path, changed: Comparison | None, draws: Draws | None
     ) -> None:
         """The report; `first` is the clip's first frame, unrefined."""
         from physgen.report.films import linked_film

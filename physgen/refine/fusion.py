@@ -37,13 +37,7 @@ from physgen.photometry import decode, encode_u8
 from physgen.problems import InputError, Place, Problem
 from physgen.progress import Progress, silent
 from physgen.refine.denoiser import F32, U8, Denoiser, PromptSettings
-from physgen.refine.latents import (
-    blend_predictions,
-    cell_coverage,
-    fit_to_grid,
-    hold_weights,
-    window_spans,
-)
+from physgen.refine.latents import blend_predictions, cell_coverage, fit_to_grid, hold_weights, window_spans
 from physgen.registry import describe_error
 
 Latent = TypeVar("Latent")

@@ -14,15 +14,7 @@ from physgen import registry
 from physgen.files import Stamp, file_stamp
 from physgen.problems import InputError, Limit, RefusedError
 from physgen.scene.document import Node, children, items, plain, whole
-from physgen.scene.files import (
-    ASSETS,
-    OUTLINES,
-    Record,
-    confined,
-    image_size,
-    read_scene,
-    written,
-)
+from physgen.scene.files import ASSETS, OUTLINES, Record, confined, image_size, read_scene, written
 from physgen.scene.scene import video_size
 from physgen.scene.schema import advice, at
 from physgen.scene.validate import Findings, check_part

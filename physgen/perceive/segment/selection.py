@@ -10,14 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.perceive.segment.gradient import Gradient, colour_gradient, smoothed_lab
-from physgen.perceive.segment.proposals import (
-    Proposal,
-    Scores,
-    distinct,
-    outline,
-    overlap,
-    score_proposals,
-)
+from physgen.perceive.segment.proposals import Proposal, Scores, distinct, outline, overlap, score_proposals
 from physgen.perceive.segment.regions import discs, stable_regions
 
 

@@ -15,15 +15,7 @@ import cv2
 import numpy as np
 
 from physgen.maps import F32
-from physgen.perceive.roles import (
-    BoundaryGuess,
-    Detections,
-    Labels,
-    Mask,
-    PhotoObject,
-    Rgb,
-    Suitability,
-)
+from physgen.perceive.roles import BoundaryGuess, Detections, Labels, Mask, PhotoObject, Rgb, Suitability
 from physgen.perceive.segment.network import run_network
 from physgen.perceive.segment.prompts import RULE
 from physgen.scene.scene import View
@@ -148,10 +140,7 @@ DOUBTS = _Doubts()
 
 
 def judge_suitability(
-    rgb: Rgb,
-    found: Detections,
-    objects: Sequence[PhotoObject],
-    boundaries: BoundaryGuess,
+    rgb: Rgb, found: Detections, objects: Sequence[PhotoObject], boundaries: BoundaryGuess
 ) -> Suitability:
     """Reasons to doubt that the photo shows loose objects at rest, from what perception knows of it.
 

@@ -16,12 +16,7 @@ import torch
 from diffusers import AutoencoderKL, DiffusionPipeline
 from numpy.typing import NDArray
 
-from physgen.perceive.backends.models import (
-    Flag,
-    as_dtype,
-    load_pipeline_on_cpu,
-    load_weights,
-)
+from physgen.perceive.backends.models import Flag, as_dtype, load_pipeline_on_cpu, load_weights
 from physgen.problems import InputError
 from physgen.refine.denoiser import F32
 from physgen.registry import hub_folder
