@@ -47,6 +47,7 @@ def perceive(options: argparse.Namespace) -> int:
         "warn": print_problem,
         "keep": print_backup,
         "inform": print_error,
+        "still": options.still,
     }
     if options.refresh:
         output = options.output or options.refresh
@@ -54,7 +55,7 @@ def perceive(options: argparse.Namespace) -> int:
 
         text = refresh(options.refresh, output, allow_outside=options.allow_outside, **settings)
     else:
-        settings |= {"masks": options.masks, "side": options.side, "still": options.still}
+        settings |= {"masks": options.masks, "side": options.side}
         text = pipeline.perceive(options.image[0], options.output, **settings)
     bar.clear()
     write_result(text, options.output)
@@ -145,7 +146,7 @@ def _refuse_beside_refresh(options: argparse.Namespace) -> None:
     problems = [
         Problem(place, "", f'"{value}"', wrong, f"leave {flag} or --refresh out") for flag, value in found
     ]
-    if options.refresh and (options.output or options.refresh).suffix not in (".yaml", ".yml"):
+    if options.refresh and not options.output and options.refresh.suffix not in (".yaml", ".yml"):
         fix = "name the new scene file, which gets its maps beside it: -o NEW.yaml"
         problems.append(Problem(place, "", "--refresh", "needs -o", fix))
     if problems:

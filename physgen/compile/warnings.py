@@ -95,8 +95,8 @@ def _without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
         if motion[force.object] is not Motion.DYNAMIC:
             why = f"has no effect: the motion of {force.object} is {motion[force.object].value}"
             yield warning(scene, f"forces[{k}]", force.load.value, why, let_go)
-        elif force.start >= scene.world.duration:
-            why = f"begins after the end of the clip at {scene.world.duration:g} s"
+        elif force.start >= compiled.world.duration:
+            why = f"begins after the end of the clip at {compiled.world.duration:g} s"
             fix = "begin earlier or lengthen the duration"
             yield warning(scene, f"forces[{k}].start", f"{force.start:g}", why, fix)
     for joint in scene.joints:
@@ -152,7 +152,7 @@ def _views(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
                 found = f"[{sight.center[0]:g}, {sight.center[1]:g}]"
                 expected = f"is too near the photo's border for zoom {sight.zoom:g}: the view stops at [{x:g}, {y:g}]"
                 yield warning(scene, f"{path}.center", found, expected, "zoom in further, or move it there")
-        end = scene.world.duration
+        end = compiled.world.duration
         if sight.time > end:
             expected = f"is after the end of the motion at {end:g} s: this view is never reached"
             fix = "make it earlier, or lengthen the duration"

@@ -307,7 +307,7 @@ class _Run:
             if not self.inputs_unchanged():
                 record.mark = ""  # the next run makes it again: which of the two was drawn is unknown
             write_manifest(record, folder)
-            lost = lost_files(self.final, record.files)
+            lost = lost_files(self.final, {*record.files, "report.html"})
         if lost:
             fix = "name all formats at once, or another folder with -o, to have both"
             gone = f"had {lost} of an earlier run, which this one replaced"

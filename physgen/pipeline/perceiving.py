@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -164,8 +164,9 @@ def _at_rest(perceived: PerceivedScene) -> PerceivedScene:
     return replace(perceived, document=perceived.document | {"objects": objects}, comments=comments)
 
 
-def _pushed(perceived: PerceivedScene) -> PerceivedScene:
-    """The scene with the push that shows most, tried in a copy without maps, in the slow motion that suits it."""
+def _pushed(perceived: PerceivedScene, only: Collection[str] = ()) -> PerceivedScene:
+    """The scene with the push that shows most, of `only` these objects where any are named, tried in a copy without
+    maps, in the slow motion that suits it."""
     from physgen.compile.compile import compile_shapes
     from physgen.compile.shapes import shapes_of
     from physgen.geometry.scale import PLAYBACK
@@ -175,7 +176,8 @@ def _pushed(perceived: PerceivedScene) -> PerceivedScene:
     from physgen.scene.provenance import meters
 
     document, opened = perceived.document, _tried(perceived)
-    sure = {name: mask_confidence(item) for name, item in document["objects"].items()}
+    objects = document["objects"].items()
+    sure = {name: 0.0 if only and name not in only else mask_confidence(item) for name, item in objects}
     scene = opened.scene()
     shapes = shapes_of(scene, None)
     push = default_push(scene, shapes, sure)
@@ -200,11 +202,12 @@ def _pushed(perceived: PerceivedScene) -> PerceivedScene:
 
 
 def _released(perceived: PerceivedScene, was: Mapping[str, Mapping[str, Any]]) -> PerceivedScene:
-    """The scene with a push if an object moves again that `was` held."""
-    objects = perceived.document["objects"]
-    if any("motion" in item and "motion" not in objects.get(name, item) for name, item in was.items()):
+    """The scene with a push of an object that moves again and that `was` held."""
+    now = perceived.document["objects"]
+    free = {name for name, item in was.items() if "motion" in item and "motion" not in now.get(name, item)}
+    if free:
         with suppress(InputError):
-            pushed = _pushed(perceived)
+            pushed = _pushed(perceived, free)
             document = perceived.document | {"objects": pushed.document["objects"]}
             return replace(perceived, document=document, comments=pushed.comments)
     return perceived
@@ -328,7 +331,7 @@ def refresh(
         perceived = replace(perceived, percepts=kept_maps)
     moving = {item.name: {"velocity": list(item.velocity)} for item in scene.objects if any(item.velocity)}
     perceived = replace(perceived, document=document)
-    if not (moving or scene.forces):
+    if not (options.still or moving or scene.forces):
         perceived = _released(perceived, old["objects"])
     document = perceived.document
     told = {

@@ -84,7 +84,8 @@ def compile(scene: Scene, maps: Percepts | None) -> Compiled:
 
 
 def ended(scene: Scene, compiled: Compiled, tape: StepLog | None = None) -> Compiled:
-    """The same with `duration: auto` resolved: 0.5 s of video after the last motion that shows.
+    """The same with `duration: auto` resolved: 0.5 s of video after the last motion that shows, and after forces,
+    views and waypoints that begin later.
 
     A `tape` that is kept saves running the same world again.
     """
@@ -100,6 +101,8 @@ def ended(scene: Scene, compiled: Compiled, tape: StepLog | None = None) -> Comp
     ends = [
         body.solid is not Solid.SPHERE or body.rolling > 0 for body in world.bodies
     ]  # other spins go on for ever
+    begins = [force.start for force in scene.forces] + [sight.time for sight in scene.render.camera]
+    latest = max(begins + [point.time for item in scene.objects for point in item.path], default=0.0)
     tape = tape or StepLog()
     for length in (*(part / slow for part in (1.25, 2.5, 5.0) if part / slow < most), most):
         times = np.arange(0.0, length, pause / 15)
@@ -109,7 +112,7 @@ def ended(scene: Scene, compiled: Compiled, tape: StepLog | None = None) -> Comp
         off[..., 2] = np.abs(poses[..., 2] - poses[-1:, :, 2]) * reach * np.array(ends or [False])
         out = (poses[..., :2] < -reach[:, None]) | (poses[..., :2] > reach[:, None] + world.size)
         moving = (off.max(axis=2, initial=0) > 1) & ~out.any(axis=2)
-        last = float(times[moving.any(axis=1)].max(initial=0.0))
+        last = max(float(times[moving.any(axis=1)].max(initial=0.0)), latest)
         if last <= length - 2 * pause:
             break
     end = min(max(last + pause, 1 / slow), most)

@@ -80,3 +80,13 @@ def test_each_wrong_name_is_reported(lesson, tmp_path, capsys) -> None:
     assert len(flags) == 4
     assert main(["perceive", "photo.png", "--refresh", "a.yaml", "--side", "300"]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 2
+
+
+def test_wrong_values_of_a_measure_are_reported(capsys) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["evaluate", "study", "methods", "--seed", "x", "--foo"])
+    assert ended.value.code == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 2
+    assert "--seed" in lines[0]
+    assert "--foo" in lines[1]

@@ -98,7 +98,12 @@ def test_what_was_held_by_a_wrong_mask_moves_with_a_right_one(
     assert main(["perceive", str(perceived / "photo.png"), *options]) == 0
     [(name, held)] = yaml.safe_load(path.read_text())["objects"].items()
     assert held["motion"] == "static"
-    assert main(["perceive", "--refresh", str(path), "--box", f"{x - 33},{y - 33},66,66"]) == 0
+    box = ["--box", f"{x - 33},{y - 33},66,66"]
+    still = tmp_path / "still.yaml"
+    assert main(["perceive", "--refresh", str(path), *box, "--still", "-o", str(still)]) == 0
+    assert not any(any(one.velocity) for one in pipeline.load(still).objects)
+    capsys.readouterr()
+    assert main(["perceive", "--refresh", str(path), *box]) == 0
     now = yaml.safe_load(path.read_text())["objects"][name]
     assert "motion" not in now
     assert any(now["velocity"]), "nothing moved before, and it is pushed as a new scene would push it"

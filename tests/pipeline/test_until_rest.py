@@ -76,3 +76,15 @@ def test_what_left_the_picture_rests(tmp_path: Path, speed: float, seconds: floa
 def test_other_words_are_refused_with_what_fits(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="s or min behind it, or auto"):
         loaded(tmp_path, FALL.format("long", 1))
+
+
+def test_a_clip_waits_for_a_force_and_a_view_that_come_after_rest(tmp_path: Path) -> None:
+    force = "forces: [{object: a, impulse: [{}, 0], start: 3}]\n"
+    fall = loaded(tmp_path, FALL.format("auto", 1) + force.replace("{}", "0.001"))
+    assert pipeline.compile(fall, None).world.duration == pytest.approx(3.5, abs=0.1)
+    view = loaded(tmp_path, FALL.format("auto", 1).replace("slow: 1", "camera: [{time: 0}, {time: 4}]"))
+    world = pipeline.compile(view, None).world
+    assert world.duration == pytest.approx(4.5, abs=0.1)
+    assert not [
+        one for one in pipeline.lint(view, pipeline.compile(view, None)) if "never reached" in one.expected
+    ]
