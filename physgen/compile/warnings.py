@@ -253,7 +253,9 @@ def _missed_masks(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
         shown = (compiled.labels[here] > 0) | compiled.scenery[here] | _filled(mask)
         bare = (cover >= 0.5) & ~shown[box]
         thin = np.ones((LIMITS.thin, LIMITS.thin), np.uint8)
-        path, fix = f"objects.{item.name}.shape", "write shape: outline, or correct the outline or the mask"
+        path, fix = f"objects.{item.name}.shape", "correct the outline or the mask"
+        if scene.document["objects"][item.name].get("shape") != "outline":
+            fix = f"write shape: outline, or {fix}"
         for part, text in ((mask & (seen == 0), "misses {:.0%} of"), (bare, "reaches {:.0%} beyond")):
             if not part.size:  # a shape beyond the picture
                 continue

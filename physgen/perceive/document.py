@@ -389,9 +389,8 @@ def summary(perceived: PerceivedScene) -> list[str]:
     regions = len(document.get("doubtful", ()))
     doubts = [f"{', '.join(unsure)}: what is no object goes under doubtful, as {{mask: N}}"] if unsure else []
     if regions:
-        doubts.append(
-            f"{counted(regions, 'region')} may be objects, too: move maybe-1 ... to objects to have them"
-        )
+        what = f"{regions} regions may be objects" if regions > 1 else "1 region may be an object"
+        doubts.append(f"{what}, too: move maybe-1 ... to objects to have it")
     if doubts:
         table["doubtful"] = "; ".join([*doubts, "--box and --point mark what is missing"])
     return [first, *(f"  {name:<9} {' '.join(text.split())}" for name, text in table.items())]
