@@ -102,6 +102,7 @@ def taken_away() -> dict[str, dict[str, object]]:
     return {
         "joining of parts": {"joined": lambda found, fit, best: best},
         "agreement of edges": {"LEARNED": replace(constants, agreement=0.0)},
+        "colours around": {"LEARNED": replace(constants, gap_penalty=0.0)},
         "the judge": {"expected_fit": lambda evidence: evidence[:, foreground].copy()},
     }
 

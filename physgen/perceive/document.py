@@ -390,7 +390,7 @@ def summary(perceived: PerceivedScene) -> list[str]:
     doubts = [f"{', '.join(unsure)}: what is no object goes under doubtful, as {{mask: N}}"] if unsure else []
     if regions:
         what = f"{regions} regions may be objects" if regions > 1 else "1 region may be an object"
-        doubts.append(f"{what}, too: move maybe-1 ... to objects to have it")
+        doubts.append(f"{what}, too: move maybe-1 ... to objects to have one")
     if doubts:
         table["doubtful"] = "; ".join([*doubts, "--box and --point mark what is missing"])
     return [first, *(f"  {name:<9} {' '.join(text.split())}" for name, text in table.items())]

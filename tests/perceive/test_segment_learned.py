@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import cv2
 import numpy as np
 import pytest
 
 from physgen import pipeline
-from physgen.perceive.backends.segment_learned import joined, segment
+from physgen.perceive.backends.segment_learned import continued, joined, segment
 from physgen.perceive.document import write_scene
 from physgen.perceive.perceive import perceive
 from physgen.perceive.roles import Detections, Doubt
 from physgen.perceive.segment.candidates import Candidates
-from physgen.perceive.segment.proposals import Proposal
+from physgen.perceive.segment.proposals import Proposal, cut_out
 
 
 def noise(size: tuple[int, int]) -> np.ndarray:
@@ -119,3 +121,18 @@ def test_a_doubtful_thing_can_be_switched_on(tmp_path: Path) -> None:
     x, y = compiled.world.bodies[1].center
     assert abs(x - 110) < 1
     assert abs(y - 60) < 1
+
+
+def test_a_gap_between_objects_shows_the_colours_around_them() -> None:
+    random = np.random.default_rng(0)
+    rgb = np.clip(random.normal((90, 60, 40), 6, (120, 160, 3)), 0, 255).astype(np.uint8)
+    masks = np.zeros((3, 120, 160), bool)
+    for k, left in enumerate((40, 60, 80)):
+        masks[k, 30:90, left : left + 20] = True
+    rgb[masks[0] | masks[2]] = (220, 210, 170)
+    some = [one for mask in masks if (one := cut_out(mask, 0, 0, 1)) is not None]
+    found = cast(Candidates, SimpleNamespace(proposals=some, shape=(120, 160)))
+    shares = continued(rgb, found, np.arange(3))
+    assert shares[1] > 0.9
+    assert max(shares[0], shares[2]) < 0.1
+    assert continued(rgb, found, np.zeros(0, np.intp)).shape == (0,)

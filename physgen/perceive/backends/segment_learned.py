@@ -28,6 +28,10 @@ class LearnedConstants:
     agreement: float = 0.5  # bonus of the selection by edges
     foreground: tuple[float, ...] = (0.3, 0.6)  # mean foreground from which that counts in part, in full
     doubtful: float = 0.1  # confidence from which a proposal is a doubtful object
+    gap_penalty: float = 0.35  # of a selected proposal whose colours continue around it
+    rarer: float = 3.0  # factor by which a colour may be rarer there and still count as continued
+    explained: tuple[float, ...] = (0.5, 0.8)
+    """Share of such colours from which that counts in part, and in full."""
     movable: float = 0.5
     """Mean movability from which an object may be moved: people, animals and furniture are none."""
     same: float = 0.5  # IoU below which what is cut out again is another object
@@ -56,12 +60,32 @@ def segment(rgb: NDArray[np.uint8]) -> Segments:
         by_edges = search_edges(rgb)
     found = candidates(by_edges, seen.result())
     fit = worth(found, expected_fit(found.evidence))
-    sure = joined(found, fit, choose(found, fit))
+    best = choose(found, fit)
+    fit[best] -= LEARNED.gap_penalty * continued(rgb, found, best)
+    sure = joined(found, fit, best[fit[best] > LEARNED.threshold])
     fit[found.movable < LEARNED.movable] = 0
     sure = sure[fit[sure] > 0]
     some = [found.proposals[k] for k in sure.tolist()]
     objects = as_segments(rgb, some, fit[sure], confidence(fit[sure]), found.shape)
     return with_rest_of_set(replace(objects, doubtful=doubts(found, fit, sure, rgb.shape[:2])))
+
+
+def continued(rgb: NDArray[np.uint8], found: Candidates, best: NDArray[np.intp]) -> NDArray[np.float64]:
+    """(n,) 0..1: how surely selected candidates are gaps, through which the colours around them are seen."""
+    some, shape = [found.proposals[k] for k in best.tolist()], found.shape
+    if not some:
+        return np.zeros(0)
+    small = cv2.GaussianBlur(cv2.resize(rgb, shape[::-1], interpolation=cv2.INTER_AREA), (0, 0), 1.5)
+    lightness, *hue = (part.astype(np.int64) for part in cv2.split(cv2.cvtColor(small, cv2.COLOR_RGB2LAB)))
+    colour = (lightness // 16 * 32 + hue[0] // 8) * 32 + hue[1] // 8
+    masks, shares = [one.on(shape) for one in some], []
+    free = ~np.any(masks, axis=0)
+    for one, mask in zip(some, masks, strict=True):
+        reach, (left, top, right, bottom) = max(3, int(np.sqrt(one.area))), one.box
+        ring = np.s_[max(0, top - reach) : bottom + reach, max(0, left - reach) : right + reach]
+        own, other = (np.bincount(c, minlength=2**14) for c in (colour[mask], colour[ring][free[ring]]))
+        shares.append(np.minimum(own / own.sum(), LEARNED.rarer * other / max(other.sum(), 1)).sum())
+    return np.asarray(np.interp(shares, LEARNED.explained, (0, 1)))
 
 
 def with_rest_of_set(objects: Segments) -> Segments:
