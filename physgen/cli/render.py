@@ -9,6 +9,7 @@ from physgen.cli.clips import add_clips, add_overlays, check_names, jobs_of, mak
 
 
 def render(options: argparse.Namespace) -> int:
+    options.output = options.output or ("out/preview" if options.preview else "out")
     jobs = list(jobs_of(options))
     check_names(jobs)
     jobs = jobs[options.part or slice(None)]
@@ -17,7 +18,7 @@ def render(options: argparse.Namespace) -> int:
 
 def add(parser: Parser) -> None:
     parser.add_argument("scenes", metavar="SCENE", nargs="+", help="a scene file")
-    parser.option("-o --output", "DIR", str, "folder of the results; default: out", "out")
+    parser.option("-o --output", "DIR", str, "folder of the results; default: out, or out/preview for previews")
     about = (
         "push an object: ball-1=right, ball-1=up-left, ball-1=30@2 m/s (degrees, 90 is down), in place of the push "
         "that perceive wrote; velocities that you wrote stay. May be repeated"

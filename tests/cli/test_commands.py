@@ -68,6 +68,15 @@ def test_what_an_earlier_run_wrote_goes_with_a_warning(lesson: Path, tmp_path: P
     assert capsys.readouterr().err == ""
 
 
+def test_a_preview_leaves_the_finished_clip(lesson: Path, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["render", str(lesson)]) == 0
+    before = (tmp_path / "out/lesson/video.mp4").read_bytes()
+    assert main(["render", str(lesson), "--preview"]) == 0
+    assert (tmp_path / "out/lesson/video.mp4").read_bytes() == before
+    assert (tmp_path / "out/preview/lesson/video.mp4").exists()
+
+
 def test_runs_and_jobs_give_the_same_bytes(lesson: Path, tmp_path: Path) -> None:
     other = lesson.with_name("other.yaml")
     other.write_text(lesson.read_text().replace("mass: 100", "mass: 150"))
