@@ -36,7 +36,8 @@ class FitTuning:
     touch: int = 2
     """px between two masks that still count as touching."""
     keep_iou: float = 0.8
-    """A disc that had to leave its mask further than this to make room becomes a region after all."""
+    moved: float = 4.0
+    """A disc that had to leave its mask further than this to make room, and by so many px, becomes a region after all."""
     hidden: float = 0.1
     """Weight of a border point that faces another object: it may be the other's border."""
 
@@ -136,7 +137,12 @@ def fit_outlines(
     while True:
         regions = fit_regions(close_gaps(np.where(np.isin(owned, list(rough)), 0, owned)))
         discs = _together(owned, views, rough, regions)
-        lost = [i for i, disc in discs.items() if _iou(disc, owned[views[i]] == i, views[i]) < FIT.keep_iou]
+        lost = [
+            i
+            for i, disc in discs.items()
+            if np.hypot(*(disc.center - rough[i].center)) + abs(disc.radius - rough[i].radius) > FIT.moved
+            and _iou(disc, owned[views[i]] == i, views[i]) < FIT.keep_iou
+        ]
         if not lost:
             break
         for i in lost:

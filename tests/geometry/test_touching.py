@@ -55,6 +55,14 @@ def test_a_rack_is_a_lattice_without_overlap(spread, seed):
         assert iou(coverage(disc, labels.shape), labels == i) >= 0.95 - 0.06 * spread
 
 
+def test_small_balls_stay_round_where_one_mask_took_of_its_neighbours():
+    labels, centers = rack(5, 10.5)
+    labels[disc_mask(len(labels), centers[8] + [1, 1], 12.5)] = 9
+    found = fit_outlines(labels, range(1, 16))
+    assert all(isinstance(disc, Disc) for disc in found.values())
+    assert all(np.hypot(*(disc.center - centers[i - 1])) < 2 for i, disc in found.items())
+
+
 def test_removing_a_ball_leaves_the_far_ones():
     labels = np.zeros((60, 260), dtype=np.int64)
     for k, x in enumerate((30.0, 60.0, 180.0, 210.0), start=1):
