@@ -57,7 +57,7 @@ def test_a_rack_is_a_lattice_without_overlap(spread, seed):
 
 def test_small_balls_stay_round_where_one_mask_took_of_its_neighbours():
     labels, centers = rack(5, 10.5)
-    labels[disc_mask(len(labels), centers[8] + [1, 1], 12.5)] = 9
+    labels[disc_mask(len(labels), centers[8], 12.5)] = 9
     found = fit_outlines(labels, range(1, 16))
     assert all(isinstance(disc, Disc) for disc in found.values())
     assert all(np.hypot(*(disc.center - centers[i - 1])) < 2 for i, disc in found.items())

@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 from physgen import pipeline
+from physgen.geometry.fitting import fit_outlines
+from physgen.geometry.polygon import Disc
 from physgen.perceive.backends.segment_learned import continued, joined, segment
 from physgen.perceive.document import write_scene
 from physgen.perceive.perceive import perceive
@@ -66,6 +68,19 @@ def test_any_picture_gives_labels_in_order(photo) -> None:
     again = segment(photo)
     assert (again.labels == found.labels).all()
     assert (again.confidence == found.confidence).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "count", "quality"), [("dominoes", 9, 70), ("dominoes", 9, 50), ("billiards", 16, 50)]
+)
+def test_compressed_photos_show_the_same_objects(name: str, count: int, quality: int) -> None:
+    """A gap between dominoes had become a block, and balls of a rack polygons."""
+    photo = cv2.imread(str(Path(__file__).parents[2] / "scenes" / name / "photo.png"))
+    packed = cv2.imencode(".jpg", photo, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+    found = segment(np.asarray(cv2.imdecode(packed, cv2.IMREAD_COLOR)[..., ::-1], np.uint8))
+    assert len(found.confidence) == count
+    outlines = fit_outlines(found.labels, range(1, count + 1))
+    assert all(isinstance(one, Disc) for one in outlines.values()) == (name == "billiards")
 
 
 def blocks(*boxes: tuple[int, int, int, int], whole: int = -1) -> Candidates:

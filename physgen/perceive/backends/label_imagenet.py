@@ -44,7 +44,7 @@ class CropConstants:
     pool_table: int = 736
     """ImageNet's class. A photo with so many round objects and this probability of the class or more is one."""
     rack: int = 3
-    pool: float = 0.3
+    pool: float = 0.25
     certain: float = 0.75
     """Confidence of what is round on it; of 182 photos without a pool table none has more than 0.2."""
 

@@ -59,9 +59,11 @@ def segment(rgb: NDArray[np.uint8]) -> Segments:
         seen = beside.submit(run_network, rgb)
         by_edges = search_edges(rgb)
     found = candidates(by_edges, seen.result())
-    fit = worth(found, expected_fit(found.evidence))
+    expected = expected_fit(found.evidence)
+    fit = worth(found, expected)
     best = choose(found, fit)
-    fit[best] -= LEARNED.gap_penalty * continued(rgb, found, best)
+    # edges bound a gap as they bound an object: there their agreement says nothing
+    fit[best] -= continued(rgb, found, best) * (LEARNED.gap_penalty + fit[best] - expected[best])
     sure = joined(found, fit, best[fit[best] > LEARNED.threshold])
     fit[found.movable < LEARNED.movable] = 0
     sure = sure[fit[sure] > 0]
