@@ -359,6 +359,13 @@ def equal_area(skin: F32, center: Array, radius: float, paints: F32 | None) -> F
     share = (0.5 - 0.5 * np.maximum(z[edge], 0) / last)[:, None]
     mixed = (1 - share) * border[at % n] + share * border[(at + n // 2) % n]
     found[edge] = paints[mixed.argmax(axis=1)]
+    # the rim draws out a pixel's steps to teeth: borders between paints are evened out, and stay sharp
+    paint = np.abs(found[:, :, None] - paints).max(axis=3).argmin(axis=2)
+    weight = np.eye(len(paints), dtype=np.float32)[paint]
+    weight = cv2.GaussianBlur(weight, (0, 0), max(BALL.even * radius, 0.5)) ** 4
+    even = weight @ paints / weight.sum(axis=2, keepdims=True)
+    out = np.sqrt(1 - np.clip(z, 0, 1) ** 2)[..., None]
+    found += np.clip((out - NEAR_RIM[0]) / (NEAR_RIM[1] - NEAR_RIM[0]), 0, 1) * (even - found)
     return found
 
 

@@ -163,12 +163,19 @@ def remove_shadows(background: Rgb, coverage: F32, predicted: F32, size: float) 
     ]
     linear = decode(background[part])
     dark, clean = _Removal(linear, free[part], predicted[part], size).darkness()
-    gone = 1 - np.exp(-dark)
-    left = 1 - gone[..., None] * _tint(linear, clean, gone, free[part])
     result = background.copy()
-    there = dark > 1e-3
-    result[part][there] = encode_u8(linear / np.maximum(left, 0.04))[there]
+    result[part] = lightened(background[part], dark, clean, free[part])
     return result
+
+
+def lightened(background: Rgb, dark: F32, clean: F32, free: F32) -> Rgb:
+    """(h, w, 3) without the shadow `dark` (h, w), -log of light, of surfaces that are `clean` (h, w, 3) in full light.
+
+    The blocked light has one colour, which is read off where the background is `free` (h, w).
+    """
+    linear, gone, there = decode(background), 1 - np.exp(-dark), dark > 1e-3
+    left = 1 - gone[..., None] * _tint(linear, clean, gone, free)
+    return np.where(there[..., None], encode_u8(linear / np.maximum(left, 0.04)), background)
 
 
 def edge_ratio(background: Rgb, clean: Rgb, coverage: F32) -> float:
