@@ -63,13 +63,15 @@ class ShadowSetting:
     """Side view: px from the plane of motion back to an upright wall; infinite without."""
     size: tuple[int, int]
     """Width and height of the photo, px."""
+    lacking: float = 1.0
+    """Share of the direct light that shadows lack: some comes back from other surfaces."""
 
     def direct(self, normal: tuple[float, float, float]) -> float:
         """Share of a surface's light that is direct."""
         facing = sum(a * b for a, b in zip(self.light.direction, normal, strict=True))
         straight = self.light.intensity * max(facing, 0.0)
         around = self.light.ambient * (1 if self.top else 1 + MODEL.sky * max(-normal[1], 0.0))
-        return straight / max(straight + around, 1e-9)
+        return self.lacking * straight / max(straight + around, 1e-9)
 
     @cached_property
     def shade(self) -> np.float32:
@@ -256,11 +258,26 @@ def shadow_on_floor(what: Silhouette, setting: ShadowSetting) -> tuple[PixelBox,
     else:
         blocked = _behind(what, setting, at, xs, lines)
     blocked = np.asarray(blocked.reshape(len(z), MODEL.finer, len(xs)).mean(axis=1), np.float32)
-    upon = np.clip(np.minimum(xs - np.float32(what.ends[0]), np.float32(what.ends[1]) - xs) + 0.5, 0, 1)[None]
+    upon = floor_share(what.ends, setting, box, at.row)
     if np.isfinite(setting.backdrop):
         upon = upon * np.clip((z + np.float32(setting.backdrop)) * np.float32(tilt) + np.float32(0.5), 0, 1)
     hidden = _sky(what, at, xs, z) * upon
     return box, attenuation(setting.direct((0.0, -1.0, 0.0)), blocked * upon, hidden)
+
+
+def floor_share(ends: tuple[float, float], setting: ShadowSetting, box: PixelBox, row: float) -> F32:
+    """(h, w) 0..1: how much of a box's pixels is a floor, whose line at `row` px goes on between the columns `ends`.
+
+    What lies farther back is seen nearer to the middle of the picture: into its depth, a camera is taken to look level
+    there. No camera sees more than as wide as it is far.
+    """
+    middle, tilt = setting.size[0] / 2, max(setting.tilt, 1e-3)
+    distance = max((row - setting.size[1] / 2) / tilt, setting.size[0])
+    x = np.arange(box[0], box[2], dtype=np.float32)
+    back = (np.float32(row) - np.arange(box[1], box[3], dtype=np.float32)[:, None]) / np.float32(tilt)
+    scale = np.float32(distance) / np.maximum(distance + back, 1)
+    left, right = (np.float32(middle) + np.float32(end - middle) * scale for end in ends)
+    return np.asarray(np.clip(np.minimum(x - left, right - x) + 0.5, 0, 1), np.float32)
 
 
 def _slopes(setting: ShadowSetting) -> tuple[float, float, float]:

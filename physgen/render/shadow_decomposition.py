@@ -24,6 +24,7 @@ from physgen.geometry.shadows import (
     ShadowSetting,
     Silhouette,
     blurred,
+    floor_share,
     joined_pictures,
     moved_silhouette,
     shadow_darkness,
@@ -67,6 +68,10 @@ class ShadowTuning:
     """px for each px of the object's way, at most."""
     faint: float = 0.006
     """-log of light that is not missed: half a grey level of a middle grey."""
+    compared: tuple[float, int] = (0.2, 200)
+    """-log of light from which, and px on which, predicted shadows are compared with the photo's."""
+    lacking: tuple[float, float] = (0.65, 0.3)
+    """Quantile of the photo's depth over the predicted one, for some lie beside it; and its least value. By tune."""
     cells: int = 24
     """Of the grid on which a shadow is worked out, at least so many across the object."""
 
@@ -158,10 +163,12 @@ class LitBackground:
             box, carried = shifted_picture(own, (x0, y0), shift, self.setting.size)
             if box is not None:
                 carried *= np.float32(strength)
-                if not self.setting.top and self._on_wall(cast.start) and now.floor is not None:
+                if now.floor is not None and self._on_wall(cast.start):
                     end = now.floor - self.setting.tilt * self.setting.backdrop  # the wall's foot
                     rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
-                    carried = carried * np.clip(end - rows + 0.5, 0, 1).astype(np.float32)
+                    carried *= np.clip(end - rows + 0.5, 0, 1)
+                elif now.floor is not None and not np.isfinite(self.setting.backdrop):
+                    carried *= floor_share(now.ends, self.setting, box, now.floor)
                 found.append((box, carried))
         return found
 
@@ -289,11 +296,13 @@ def decompose_shadows(
     weight = open_.astype(np.float32)
     everybody = [*starts, *gone]
     steps += [shadow_grid_step(ghost) for ghost in gone]
-    firsts = [predicted_shadow(start, setting, step) for start, step in zip(everybody, steps, strict=True)]
-    total = np.zeros(dark.shape, np.float32)
-    for first in firsts:
-        if first is not None:
-            _add(total, *first)
+    firsts, total = _predicted(everybody, steps, setting)
+    (deep, fewest), (quantile, least) = SHADOW.compared, SHADOW.lacking
+    there = open_ & (total > deep)
+    if np.count_nonzero(there) > fewest:
+        lacking = np.quantile(np.expm1(-dark[there]) / np.expm1(-total[there]), quantile)
+        setting = replace(setting, lacking=float(np.clip(lacking, least, 1)))
+        firsts, total = _predicted(everybody, steps, setting)
     rest = _spread_into(cv2.medianBlur(dark - total, 5) * weight, weight, SHADOW.smooth)
     # behind objects the difference goes on smoothly; nothing there is brighter than without shadows
     rest = harmonic_fill(rest[..., None], ~open_)[..., 0]
@@ -319,6 +328,18 @@ def decompose_shadows(
         seen = _log(lit[..., c]) + (total + left) * tint[c]
         plate[..., c] = cv2.exp(seen + given * (_log(bare[..., c]) - seen))
     return LitBackground(setting, plate, tint, total, casts, owner), left if gone else None
+
+
+def _predicted(
+    everybody: Sequence[Silhouette], steps: Sequence[int], setting: ShadowSetting
+) -> tuple[list[tuple[PixelBox, F32] | None], F32]:
+    """The shadow of each, and (H, W) their sum."""
+    firsts = [predicted_shadow(one, setting, step) for one, step in zip(everybody, steps, strict=True)]
+    total = np.zeros(setting.size[::-1], np.float32)
+    for first in firsts:
+        if first is not None:
+            _add(total, *first)
+    return firsts, total
 
 
 def _log(light: F32) -> F32:

@@ -15,6 +15,7 @@ from physgen.geometry.shadows import ShadowSetting, Silhouette, shadow_darkness
 from physgen.photometry import DistantLight, decode, encode_u8
 from physgen.render.atlas import BallSprites
 from physgen.render.ball import ball_from_photo, equal_area
+from physgen.render.shadow_decomposition import decompose_shadows
 from physgen.render.sprites import Sides, Sprite, lambert, relief_of
 from physgen.render.stage import Placement, draw_sprite, place_sprite
 from physgen.scene.scene import View
@@ -228,6 +229,28 @@ def test_a_block_throws_a_shadow_as_long_as_the_light_is_low(softness) -> None:
         spot = np.hypot(x - (90 + height * lx / ly), y - (row - tilt * height * lz / ly)) < 1.5
         assert shade[spot].min() > 0.9, "thrown by the middle of the block"
     assert shade[(y > row + tilt * t / 2 + 3) | (x < 50)].max() < 0.1
+
+
+def test_a_floor_ends_at_a_line_that_runs_towards_the_middle_of_the_picture() -> None:
+    """As the foot of a wall beside it does, farther back: no shadow of the floor is painted on the wall."""
+    what = replace(ball_at(165, 180, 20.0, floor=250.0), ends=(-np.inf, 240.0))
+    x, y, shade = seen(what, setting(LOW, 0.1, top=False, tilt=0.1))
+    foot = 150 + 90 * (y - 150) / 100
+    assert shade[x > foot + 2].max() == 0
+    assert shade[x < foot - 2].max() > 0.9
+
+
+def test_shadows_are_as_deep_as_those_of_the_photo() -> None:
+    """The light keeps its strength in the scene file; half of what a shadow lacks comes back from other surfaces."""
+    cover = np.zeros((300, 300), np.float32)
+    cover[120:200, 60:120] = 1
+    what, model = Silhouette(cover, (0, 0), (89.5, 159.5), None, 40.0, 199.5), setting(LOW, 3.0, top=False)
+    (x0, y0, x1, y1), dark = shadow_darkness(what, model)
+    light = np.full((300, 300, 3), 0.4, np.float32)
+    light[y0:y1, x0:x1] *= 1 - 0.5 * (1 - np.exp(-dark))[..., None]
+    clean = np.full((300, 300, 3), encode_u8(np.float32(0.4)), np.uint8)
+    lit, _ = decompose_shadows(encode_u8(light), clean, cover, [what], [False], model)
+    assert 0.45 < lit.setting.direct((0, -1, 0)) / model.direct((0, -1, 0)) < 0.65
 
 
 def test_beneath_a_thing_that_leans_the_sky_is_hidden() -> None:
