@@ -20,13 +20,11 @@ from numpy.typing import NDArray
 from physgen.photometry import DistantLight
 
 F32 = NDArray[np.float32]
-PixelBox = tuple[int, int, int, int]
-"""First and last + 1 column and row: x0, y0, x1, y1."""
+PixelBox = tuple[int, int, int, int]  # first and last + 1 column and row: x0, y0, x1, y1
 
 LEAST_LIGHT_HEIGHT = 0.2
 """Least sine of the light's height over a surface: lower lights throw shadows without end."""
-MOST_BLOCKED = 0.98
-"""Of the direct or the ambient light, no more is taken away."""
+MOST_BLOCKED = 0.98  # of the direct or the ambient light, no more is taken away
 
 
 @dataclass(frozen=True)
@@ -53,18 +51,13 @@ class ShadowSetting:
     """What light falls on, beside the objects."""
 
     light: DistantLight
-    softness: float
-    """degrees: half the width of the light as the objects see it."""
-    top: bool
-    """Seen from above: a table behind everything."""
+    softness: float  # degrees: half the width of the light as the objects see it
+    top: bool  # seen from above: a table behind everything
     tilt: float
     """Side view: px by which a floor's point appears higher for each px that it lies farther back."""
-    backdrop: float
-    """Side view: px from the plane of motion back to an upright wall; infinite without."""
-    size: tuple[int, int]
-    """Width and height of the photo, px."""
-    lacking: float = 1.0
-    """Share of the direct light that shadows lack: some comes back from other surfaces."""
+    backdrop: float  # side view: px from the plane of motion back to an upright wall; infinite without
+    size: tuple[int, int]  # width and height of the photo, px
+    lacking: float = 1.0  # share of the direct light that shadows lack: some comes back from other surfaces
 
     def direct(self, normal: tuple[float, float, float]) -> float:
         """Share of a surface's light that is direct."""
@@ -84,16 +77,11 @@ class ShadowSetting:
 class Silhouette:
     """An object as it stands now."""
 
-    coverage: F32
-    """(h, w) in 0..1."""
-    corner: tuple[int, int]
-    """Photo column and row of its first pixel."""
-    center: tuple[float, float]
-    """px."""
-    radius: float | None
-    """px, of a sphere; None for all others."""
-    thick: float
-    """px that it reaches through the plane of motion (side view), or above the table (top view)."""
+    coverage: F32  # (h, w) in 0..1.
+    corner: tuple[int, int]  # photo column and row of its first pixel
+    center: tuple[float, float]  # px
+    radius: float | None  # px, of a sphere; None for all others
+    thick: float  # px that it reaches through the plane of motion (side view), or above the table (top view)
     floor: float | None
     """Side view: the row, px, at which the floor below it is; None where nothing lies below."""
     ends: tuple[float, float] = (-inf, inf)  # the columns, px, between which that floor goes on
@@ -189,16 +177,11 @@ def blocked_by_ball(radius: float, setting: ShadowSetting, x: F32, y: F32 | floa
 class FloorContact:
     """The floor below an object, px."""
 
-    row: float
-    """Of the photo, where the plane of motion meets the floor."""
-    foot: float
-    """Row at which an object that stands there ends: its near edge, lower than `row`."""
-    half: float
-    """How far the object reaches to either side of the plane of motion."""
-    low: float
-    """Height of its lowest point over the floor."""
-    high: float
-    """And of its highest."""
+    row: float  # of the photo, where the plane of motion meets the floor
+    foot: float  # row at which an object that stands there ends: its near edge, lower than `row`
+    half: float  # how far the object reaches to either side of the plane of motion
+    low: float  # height of its lowest point over the floor
+    high: float  # and of its highest
 
 
 def floor_contact(what: Silhouette, tilt: float) -> FloorContact | None:

@@ -26,8 +26,7 @@ from physgen.photometry import decode, encode_u8, luminance
 
 Reaches = Sequence[tuple[float, float, float]]
 """px across and down over which like surfaces are averaged, and the weight of each."""
-HUES = 6
-"""Kinds of surface that are separated."""
+HUES = 6  # Kinds of surface that are separated
 FAINT = 0.08  # -log of light, smoothed: less is no visible shadow
 PREDICTED = 0.02  # -log of light from which geometry predicts a shadow
 SHARE = 0.3  # weight of geometry: the photo alone leaves the soft ends of shadows to its grain
