@@ -224,7 +224,10 @@ def silhouette(
             bottom, tilt = y + actor.radius, 0.0
         below = ground_below(grounds, x, bottom, SUNK + tilt * actor.thick / 2)
     shape = Silhouette(coverage, corner, (x, y), actor.radius, actor.thick, None)
-    return shape if below is None else replace(shape, floor=below[0], ends=(below[1][4], below[1][5]))
+    if below is None:
+        return shape
+    left, right, *walls = below[1][4:].tolist()
+    return replace(shape, floor=below[0], ends=(left, right), walls=(walls[0] > 0, walls[1] > 0))
 
 
 def add_shadow(

@@ -198,6 +198,7 @@ def predicted_shadow(what: Silhouette, setting: ShadowSetting, step: int) -> tup
             what.thick / step,
             None if what.floor is None else (what.floor + 0.5) / step - 0.5,
             ((what.ends[0] + 0.5) / step - 0.5, (what.ends[1] + 0.5) / step - 0.5),
+            what.walls,
         ),
         _coarse(setting, step),
     )

@@ -142,8 +142,7 @@ def _lines(body: Body, corner: tuple[int, int], shape: tuple[int, ...], pen: flo
     return (cv2.resize(canvas, (width, height), interpolation=cv2.INTER_AREA) / 255.0).astype(np.float32)
 
 
-NO_LIGHT = DistantLight((0.0, 0.0, 1.0), 0.0, 1.0)
-"""Even, from all around: nothing is shaded."""
+NO_LIGHT = DistantLight((0.0, 0.0, 1.0), 0.0, 1.0)  # even, from all around: nothing is shaded
 
 
 def matte_stage(stage: Stage) -> Stage:
@@ -282,14 +281,14 @@ def _ghosts(
 
 
 def floors(world: World) -> list[Array]:
-    """(6,) px: segments of walls that are level enough for shadows, and the columns between which they go on level."""
-    found = [
-        np.concatenate([a, b])
-        for wall in world.walls
-        for chain in wall.chains
-        for a, b in pairwise(chain)
-        if abs(b[0] - a[0]) > 1 and abs(b[1] - a[1]) < STAGING.steep * abs(b[0] - a[0])
+    """(8,) px: segments of walls that are level enough for shadows, the columns between which they go on level, and 1
+    or 0: whether an upright wall stands at either end."""
+    every = [
+        np.concatenate(pair) for wall in world.walls for chain in wall.chains for pair in pairwise(chain)
     ]
+    across, down = (np.abs([one[k + 2] - one[k] for one in every]) for k in (0, 1))
+    found = [every[k] for k in np.flatnonzero((across > 1) & (down < STAGING.steep * across))]
+    upright = [every[k] for k in np.flatnonzero(across < STAGING.steep * down)]
     joined = []
     for one in found:
         level = [g for g in found if np.abs(np.subtract.outer(g[1::2], one[1::2])).min() < STAGING.joined]
@@ -298,7 +297,11 @@ def floors(world: World) -> list[Array]:
         for a, b in (*spans, *reversed(spans)):
             if a <= right + STAGING.joined and b >= left - STAGING.joined:
                 left, right = min(left, a), max(right, b)
-        joined.append(np.array([*one, left, right]))
+        walls = [
+            any(abs(w[0] - x) < STAGING.joined and min(w[1::2]) < min(one[1::2]) for w in upright)
+            for x in (left, right)
+        ]
+        joined.append(np.array([*one, left, right, *walls]))
     return joined
 
 

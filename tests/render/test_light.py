@@ -11,7 +11,7 @@ import pytest
 
 from physgen import pipeline
 from physgen.geometry.polygon import Pose
-from physgen.geometry.shadows import ShadowSetting, Silhouette, shadow_darkness
+from physgen.geometry.shadows import ShadowSetting, Silhouette, shadow_darkness, shadows_on_sides
 from physgen.photometry import DistantLight, decode, encode_u8
 from physgen.render.atlas import BallSprites
 from physgen.render.ball import ball_from_photo, equal_area
@@ -238,6 +238,19 @@ def test_a_floor_ends_at_a_line_that_runs_towards_the_middle_of_the_picture() ->
     foot = 150 + 90 * (y - 150) / 100
     assert shade[x > foot + 2].max() == 0
     assert shade[x < foot - 2].max() > 0.9
+
+
+@pytest.mark.parametrize(("ball", "area"), [(True, np.pi * 20**2 / 0.6), (False, np.pi * 20**2 * 0.8)])
+def test_a_wall_beside_takes_the_shadow_where_the_light_meets_it(ball, area) -> None:
+    """60 px to the right, 64 down and 48 back, where the picture of all is smaller by 1000 / 1048."""
+    what = ball_at(180, 120, 20.0, floor=250.0)
+    what = replace(what, ends=(-np.inf, 240.0), walls=(False, True), radius=20.0 if ball else None)
+    [((x0, y0, x1, y1), dark)] = shadows_on_sides(what, setting(LOW, 0.1, top=False, tilt=0.1))
+    (y, x), shade = np.mgrid[y0:y1, x0:x1], (1 - np.exp(-dark)) / 0.98
+    middle = [(part * shade).sum() / shade.sum() for part in (x, y)]
+    assert middle == pytest.approx([150 + 90 / 1.048, 150 + (120 + 64 - 150) / 1.048], abs=1.0)
+    assert shade.sum() == pytest.approx(area * 90 / 1000 / 1.048**3, rel=0.1)
+    assert not list(shadows_on_sides(replace(what, walls=(False, False)), setting(LOW, 0.1, top=False)))
 
 
 def test_shadows_are_as_deep_as_those_of_the_photo() -> None:
