@@ -247,6 +247,15 @@ class ShadowBody:
 
 
 @dataclass(frozen=True)
+class Mirror:
+    """What a floor mirrors of what stands on it."""
+
+    share: F32  # (n,): of the light of an object's lowest rows, of each row below its foot
+    feet: Sequence[int | None]  # one a sprite: the row of the photo at which it ends; None: it does not stand
+    rough: float = 2.0  # px, standard deviation: how much less sharp this is than the object
+
+
+@dataclass(frozen=True)
 class Stage:
     """What is drawn: sprites in order, the farthest first, over a background `(H, W, 3)` sRGB."""
 
@@ -261,6 +270,7 @@ class Stage:
     supersample: int = 1  # samples a pixel, along each side, of what moves
     starts: Sequence[Pose] = ()
     """One a body: the pose in which its sprite was cut out, where some are put elsewhere; empty: as at t = 0."""
+    mirror: Mirror | None = None
     scale: float = 1.0
     """Canvas pixels a photo pixel: a scene without a photo is drawn as large as it is seen."""
 

@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 from physgen.compile.world import Body, World
 from physgen.geometry.polygon import Array, Disc, Outline, Region, Ring, bounds
 from physgen.geometry.raster import coverage_box
-from physgen.geometry.shadows import F32, ShadowSetting, Silhouette
+from physgen.geometry.shadows import F32, ShadowSetting, Silhouette, floor_contact
 from physgen.maps import U8, Percepts
 from physgen.photometry import DistantLight, decode
 from physgen.render.ball import ball_from_photo, sphere_shading
 from physgen.render.occlusion import SUNK, ground_below, occluders, occlusions, silhouette
 from physgen.render.shadow_decomposition import decompose_shadows
 from physgen.render.sprites import CUT, MARGIN, Mask, Sides, Sprite, anchored, relief_of
-from physgen.render.stage import Frame, ShadowBody, Stage, three_channels
+from physgen.render.stage import Frame, Mirror, ShadowBody, Stage, three_channels
 from physgen.scene.scene import Scene, Solid, View
 
 PAPER = (244, 242, 238)
@@ -51,6 +51,9 @@ class StagingTuning:
     stray: float = 0.03  # share of a ball's pixels that may lie outside its circle
     thread: float = 2.0  # px: how thick what hangs on a ball is
     steep: float = 0.25  # rise over run from which a boundary is no floor: shadows of a slope lie elsewhere
+    mirrored: int = 60  # px below an object's foot in which a floor is asked what it mirrors
+    near_foot: int = 4  # px of these that objects' blurred rims and contact shadows may spoil
+    alike: float = 0.7  # correlation of what lies there with objects upside down, from which it mirrors them
     joined: float = 9.0  # px between the ends of two boundaries that are one floor
 
 
@@ -254,8 +257,38 @@ def lit_stage(
     photo = decode(maps.rgb)
     if left is not None:  # the photo as it would be without what is left out
         photo = photo * np.exp(np.where(coverage < 0.5, left, 0))[..., None].astype(np.float32)
+    mirror = None if top else floor_mirror(sprites, starts, photo - lit.behind(), coverage, setting.tilt)
     sprites = anchored(sprites, photo, lit.behind(), absent, lit.owner)
-    return Stage(background, sprites, lit, actors, grounds, veils if maps.clean is not None else None)
+    veils_seen = veils if maps.clean is not None else None
+    return Stage(background, sprites, lit, actors, grounds, veils_seen, mirror=mirror)
+
+
+def floor_mirror(
+    sprites: Sequence[Sprite], starts: Sequence[Silhouette], beyond: F32, coverage: F32, tilt: float
+) -> Mirror | None:
+    """What a floor mirrors of what stands on it; None where `beyond` (H, W, 3), linear light that the photo shows
+    beyond the background, is not like the objects turned upside down."""
+    sums, feet = np.zeros((3, STAGING.mirrored)), []
+    for sprite, start in zip(sprites, starts, strict=True):
+        rows, contact = np.flatnonzero((sprite.coverage > 0.5).any(axis=1)), floor_contact(start, tilt)
+        stands = contact is not None and len(rows) and contact.low < 1
+        feet.append(sprite.corner[1] + int(rows[-1]) if stands else None)
+        if not stands:
+            continue
+        left, below = sprite.corner[0] + MARGIN, sprite.corner[1] + int(rows[-1]) + 1
+        own = sprite.light[rows[-1] :: -1, MARGIN:-MARGIN][: STAGING.mirrored]
+        there = np.s_[below : below + len(own), left : left + own.shape[1]]
+        seen = beyond[there] * (coverage[there] == 0)[..., None]
+        own = own[: len(seen)] * (coverage[there] == 0)[..., None]
+        for total, product in zip(sums, (own * seen, own * own, seen * seen), strict=True):
+            total[: len(seen)] += product.sum(axis=(1, 2))
+    share, alike = sums[0] / np.maximum(sums[1], 1e-6), sums[0] / np.sqrt(sums[1] * sums[2] + 1e-12)
+    unlike = np.flatnonzero(alike[STAGING.near_foot :] < STAGING.alike)
+    count = STAGING.near_foot + int(unlike[0]) if len(unlike) else len(share)
+    if count < 3 * STAGING.near_foot:
+        return None
+    fade = np.minimum(np.arange(count, 0, -1) / (2 * STAGING.near_foot), 1)
+    return Mirror((np.maximum(share[:count], 0) * fade).astype(np.float32), feet)
 
 
 def _ghosts(
