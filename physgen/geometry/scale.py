@@ -49,10 +49,8 @@ class PhotoObject:
 
     id: int
     outline: Outline
-    label: str = ""
-    """`""` until it is named."""
-    cut: bool = False
-    """Whether the photo's border cuts it off."""
+    label: str = ""  # `""` until it is named
+    cut: bool = False  # whether the photo's border cuts it off
 
 
 def photo_object(id_: int, outline: Outline, label: str, size: tuple[int, int]) -> PhotoObject:
@@ -65,12 +63,9 @@ def photo_object(id_: int, outline: Outline, label: str, size: tuple[int, int]) 
 class Extent:
     """Measures of an object from its outline and kind."""
 
-    volume: float
-    """px³ that it takes up, hollows included."""
-    per_mm: float | None
-    """px per mm if it is of its ordinary size, None where it has none."""
-    mismatch: float
-    """|log| of its proportions over the ordinary ones; 0 where they are unknown."""
+    volume: float  # px³ that it takes up, hollows included
+    per_mm: float | None  # px per mm if it is of its ordinary size, None where it has none
+    mismatch: float  # |log| of its proportions over the ordinary ones; 0 where they are unknown
 
 
 @dataclass(frozen=True)
@@ -78,10 +73,8 @@ class Revolved:
     """A body of revolution from the mirror-symmetric part of an outline, px."""
 
     volume: float
-    height: float
-    """Along its axis."""
-    diameter: float
-    """At its widest."""
+    height: float  # along its axis
+    diameter: float  # at its widest
 
 
 def object_extent(outline: Outline, what: Kind) -> Extent:
@@ -209,14 +202,10 @@ def _mean_depth(outline: Outline, form: str) -> float:
 class WeighingConstants:
     """Constants of the masses."""
 
-    unscaled: float = 0.3
-    """Confidence of a mass, at most, where the scale is assumed."""
-    standard: float = 0.05
-    """Spread of sizes up to which the kind has one standard mass."""
-    like: float = 0.4
-    """|log| of the size ratio up to which an object may be the typical one."""
-    lightest: float = 1e-3
-    """g."""
+    unscaled: float = 0.3  # confidence of a mass, at most, where the scale is assumed
+    standard: float = 0.05  # spread of sizes up to which the kind has one standard mass
+    like: float = 0.4  # |log| of the size ratio up to which an object may be the typical one
+    lightest: float = 1e-3  # g
 
 
 WEIGHING = WeighingConstants()
@@ -271,10 +260,8 @@ def _stuff(what: Kind) -> str:
 class Scale:
     """The scale of a photo."""
 
-    pixels_per_meter: float
-    """px/m, to as many digits as are significant."""
-    confidence: float
-    """0..1: 0.6 at an uncertainty of 20 %, 0.9 at 7 %."""
+    pixels_per_meter: float  # px/m, to as many digits as are significant
+    confidence: float  # 0..1: 0.6 at an uncertainty of 20 %, 0.9 at 7 %
     reason: str
 
 
@@ -317,14 +304,10 @@ class _Playback:
 
     width: float = 0.5
     """m along the longer side of a photo that shows no scale: a table top seen from near by."""
-    gravity: float = 9.8
-    """m/s²."""
-    fall: float = 0.15
-    """Of the photo's longer side: a fall over it gives the speed of a push."""
-    crossing: float = 1.5
-    """s of the video in which a push crosses the photo, about."""
-    longest: float = 8.0
-    """s of the video in which all comes to rest, in less slow motion where that helps."""
+    gravity: float = 9.8  # m/s²
+    fall: float = 0.15  # of the photo's longer side: a fall over it gives the speed of a push
+    crossing: float = 1.5  # s of the video in which a push crosses the photo, about
+    longest: float = 8.0  # s of the video in which all comes to rest, in less slow motion where that helps
 
 
 PLAYBACK = _Playback()

@@ -8,7 +8,7 @@ plane of motion; the higher it meets it, the softer the shadow.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import ceil, floor, hypot, inf, radians, tan
@@ -20,13 +20,11 @@ from numpy.typing import NDArray
 from physgen.photometry import DistantLight
 
 F32 = NDArray[np.float32]
-PixelBox = tuple[int, int, int, int]
-"""First and last + 1 column and row: x0, y0, x1, y1."""
+PixelBox = tuple[int, int, int, int]  # first and last + 1 column and row: x0, y0, x1, y1
 
 LEAST_LIGHT_HEIGHT = 0.2
 """Least sine of the light's height over a surface: lower lights throw shadows without end."""
-MOST_BLOCKED = 0.98
-"""Of the direct or the ambient light, no more is taken away."""
+MOST_BLOCKED = 0.98  # of the direct or the ambient light, no more is taken away
 
 
 @dataclass(frozen=True)
@@ -37,6 +35,7 @@ class ShadowModel:
     """By how much more ambient light falls on what faces up: skies and ceilings are brighter than floors."""
     levels: int = 10  # heights at which an object's silhouette is looked at
     finer: int = 2  # lines of the floor in a row of pixels: seen from the side, a row is deep
+    wall: int = 4  # columns of a wall beside in a column of pixels: it goes back, and is foreshortened
     sunk: float = 3.0
     """px by which an object's picture may reach farther below its floor than its thickness implies."""
     far: float = 1e4  # px: a sky without anything in it
@@ -53,23 +52,27 @@ class ShadowSetting:
     """What light falls on, beside the objects."""
 
     light: DistantLight
-    softness: float
-    """degrees: half the width of the light as the objects see it."""
-    top: bool
-    """Seen from above: a table behind everything."""
+    softness: float  # degrees: half the width of the light as the objects see it
+    top: bool  # seen from above: a table behind everything
     tilt: float
     """Side view: px by which a floor's point appears higher for each px that it lies farther back."""
-    backdrop: float
-    """Side view: px from the plane of motion back to an upright wall; infinite without."""
-    size: tuple[int, int]
-    """Width and height of the photo, px."""
+    backdrop: float  # side view: px from the plane of motion back to an upright wall; infinite without
+    size: tuple[int, int]  # width and height of the photo, px
+    lacking: float = 1.0  # share of the direct light that shadows lack: some comes back from other surfaces
 
     def direct(self, normal: tuple[float, float, float]) -> float:
         """Share of a surface's light that is direct."""
         facing = sum(a * b for a, b in zip(self.light.direction, normal, strict=True))
         straight = self.light.intensity * max(facing, 0.0)
         around = self.light.ambient * (1 if self.top else 1 + MODEL.sky * max(-normal[1], 0.0))
-        return straight / max(straight + around, 1e-9)
+        return self.lacking * straight / max(straight + around, 1e-9)
+
+    def distance(self, row: float) -> float:
+        """px of a camera, which is taken to look level at the picture's middle, over a floor whose line is at `row`.
+
+        No camera sees more than as wide as it is far.
+        """
+        return float(max((row - self.size[1] / 2) / max(self.tilt, 1e-3), self.size[0]))
 
     @cached_property
     def shade(self) -> np.float32:
@@ -82,19 +85,15 @@ class ShadowSetting:
 class Silhouette:
     """An object as it stands now."""
 
-    coverage: F32
-    """(h, w) in 0..1."""
-    corner: tuple[int, int]
-    """Photo column and row of its first pixel."""
-    center: tuple[float, float]
-    """px."""
-    radius: float | None
-    """px, of a sphere; None for all others."""
-    thick: float
-    """px that it reaches through the plane of motion (side view), or above the table (top view)."""
+    coverage: F32  # (h, w) in 0..1.
+    corner: tuple[int, int]  # photo column and row of its first pixel
+    center: tuple[float, float]  # px
+    radius: float | None  # px, of a sphere; None for all others
+    thick: float  # px that it reaches through the plane of motion (side view), or above the table (top view)
     floor: float | None
     """Side view: the row, px, at which the floor below it is; None where nothing lies below."""
     ends: tuple[float, float] = (-inf, inf)  # the columns, px, between which that floor goes on
+    walls: tuple[bool, bool] = (False, False)  # whether one stands at either end of that floor, and goes back
     id: int = 0  # of the object in the label map; 0 where it is not needed, or where it is several
 
     @cached_property
@@ -171,7 +170,9 @@ def blurred(picture: F32, sigma: float) -> F32:
     return np.asarray(cv2.resize(small, (w, h), interpolation=cv2.INTER_LINEAR), np.float32)
 
 
-def blocked_by_ball(radius: float, setting: ShadowSetting, x: F32, y: F32 | float, z: F32 | float) -> F32:
+def blocked_by_ball(
+    radius: float, setting: ShadowSetting, x: F32 | np.float32, y: F32 | float, z: F32 | float
+) -> F32:
     """How much of the light a ball hides from points that lie so far (px) right of, below and before its centre."""
     lx, ly, lz = setting.light.direction
     along = np.asarray(-(x * np.float32(lx) + y * np.float32(ly) + z * np.float32(lz)), np.float32)
@@ -187,16 +188,11 @@ def blocked_by_ball(radius: float, setting: ShadowSetting, x: F32, y: F32 | floa
 class FloorContact:
     """The floor below an object, px."""
 
-    row: float
-    """Of the photo, where the plane of motion meets the floor."""
-    foot: float
-    """Row at which an object that stands there ends: its near edge, lower than `row`."""
-    half: float
-    """How far the object reaches to either side of the plane of motion."""
-    low: float
-    """Height of its lowest point over the floor."""
-    high: float
-    """And of its highest."""
+    row: float  # of the photo, where the plane of motion meets the floor
+    foot: float  # row at which an object that stands there ends: its near edge, lower than `row`
+    half: float  # how far the object reaches to either side of the plane of motion
+    low: float  # height of its lowest point over the floor
+    high: float  # and of its highest
 
 
 def floor_contact(what: Silhouette, tilt: float) -> FloorContact | None:
@@ -256,11 +252,24 @@ def shadow_on_floor(what: Silhouette, setting: ShadowSetting) -> tuple[PixelBox,
     else:
         blocked = _behind(what, setting, at, xs, lines)
     blocked = np.asarray(blocked.reshape(len(z), MODEL.finer, len(xs)).mean(axis=1), np.float32)
-    upon = np.clip(np.minimum(xs - np.float32(what.ends[0]), np.float32(what.ends[1]) - xs) + 0.5, 0, 1)[None]
+    upon = floor_share(what.ends, setting, box, at.row)
     if np.isfinite(setting.backdrop):
         upon = upon * np.clip((z + np.float32(setting.backdrop)) * np.float32(tilt) + np.float32(0.5), 0, 1)
     hidden = _sky(what, at, xs, z) * upon
     return box, attenuation(setting.direct((0.0, -1.0, 0.0)), blocked * upon, hidden)
+
+
+def floor_share(ends: tuple[float, float], setting: ShadowSetting, box: PixelBox, row: float) -> F32:
+    """(h, w) 0..1: how much of a box's pixels is a floor, whose line at `row` px goes on between the columns `ends`.
+
+    What lies farther back is seen nearer to the middle of the picture.
+    """
+    middle, tilt, distance = setting.size[0] / 2, max(setting.tilt, 1e-3), setting.distance(row)
+    x = np.arange(box[0], box[2], dtype=np.float32)
+    back = (np.float32(row) - np.arange(box[1], box[3], dtype=np.float32)[:, None]) / np.float32(tilt)
+    scale = np.float32(distance) / np.maximum(distance + back, 1)
+    left, right = (np.float32(middle) + np.float32(end - middle) * scale for end in ends)
+    return np.asarray(np.clip(np.minimum(x - left, right - x) + 0.5, 0, 1), np.float32)
 
 
 def _slopes(setting: ShadowSetting) -> tuple[float, float, float]:
@@ -445,12 +454,45 @@ def shadow_on_wall(what: Silhouette, setting: ShadowSetting) -> tuple[PixelBox, 
     )
 
 
+def shadows_on_sides(what: Silhouette, setting: ShadowSetting) -> Iterator[tuple[PixelBox, F32]]:
+    """Box of the photo and (h, w) -log of the light that is left on each wall beside, which goes straight back."""
+    (lx, ly, lz), (x0, y0), (h, w) = setting.light.direction, what.corner, what.coverage.shape
+    if what.floor is None or lz < LEAST_LIGHT_HEIGHT:
+        return
+    far, mx, my = setting.distance(what.floor), setting.size[0] / 2, setting.size[1] / 2
+    for end, stands, facing in zip(what.ends, what.walls, (1.0, -1.0), strict=True):
+        if not stands or (end - mx) * facing >= 0 or lx * facing < LEAST_LIGHT_HEIGHT:
+            continue  # not there, not seen, or not in the light
+        way = np.maximum((np.array([x0, x0 + w]) - end) / lx, 0.0)[:, None]  # px along the light
+        small = far / (far + way * lz)
+        across, down = mx + (end - mx) * small, my + (np.array([y0, y0 + h]) - way * ly - my) * small
+        box = clipped_box((across.min() - 2, down.min() - 2, across.max() + 2, down.max() + 2), setting.size)
+        if box is None:
+            continue
+        columns = box[0] - 0.5 + (np.arange(MODEL.wall * (box[2] - box[0]))[None] + 0.5) / MODEL.wall
+        size = np.maximum((columns - mx) / (end - mx), 1e-3).astype(np.float32)
+        back = np.asarray(far * (1 / size - 1), np.float32)
+        rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
+        y = np.float32(my) + (rows - np.float32(my)) / size
+        if what.radius is not None:
+            right, below = np.float32(end - what.center[0]), y - np.float32(what.center[1])
+            blocked = blocked_by_ball(what.radius, setting, right, below, -back)
+        else:
+            soft = blurred(what.coverage, penumbra_width(setting, float(np.median(back)) / lz, 1.0))
+            x = (np.float32(end - x0) + back * np.float32(lx / lz)).repeat(len(y), axis=0)
+            down = y + back * np.float32(ly / lz) - np.float32(y0)
+            blocked = np.asarray(cv2.remap(soft, x, down, cv2.INTER_LINEAR), np.float32)
+        upon = (back >= 0) * np.clip(np.float32(what.floor + 0.5) - y, 0, 1)
+        mean = (blocked * upon).reshape(len(y), -1, MODEL.wall).mean(axis=2, dtype=np.float32)
+        yield box, attenuation(setting.direct((facing, 0.0, 0.0)), mean, np.zeros_like(mean))
+
+
 def shadow_darkness(what: Silhouette, setting: ShadowSetting) -> tuple[PixelBox, NDArray[np.float32]] | None:
     """Box of the photo and (h, w) -log of the light that is left there; None where it throws no shadow."""
     parts = (
         [shadow_on_table(what, setting)]
         if setting.top
-        else [shadow_on_floor(what, setting), shadow_on_wall(what, setting)]
+        else [shadow_on_floor(what, setting), shadow_on_wall(what, setting), *shadows_on_sides(what, setting)]
     )
     found = [part for part in parts if part is not None]
     return joined_pictures(found) if found else None

@@ -73,12 +73,9 @@ def basis(u: F32, v: F32, z: F32) -> list[F32]:
 class Paints:
     """What a ball wears, and in what light."""
 
-    even: F32
-    """(8, 3) weights of `basis`: log of what each channel's light does beyond Lambert's law."""
-    colours: F32
-    """(K, 3) linear, in full light."""
-    between: float
-    """Share of pixels that are unlike all paints: few on a painted ball."""
+    even: F32  # (8, 3) weights of `basis`: log of what each channel's light does beyond Lambert's law
+    colours: F32  # (K, 3) linear, in full light
+    between: float  # share of pixels that are unlike all paints: few on a painted ball
 
 
 def find_paints(bare: F32, u: F32, v: F32, z: F32, use: NDArray[np.bool_]) -> Paints | None:
@@ -174,23 +171,18 @@ def _nearest(points: Array, centers: Array) -> Ids:
     return np.unique(np.argmin(away, axis=0), return_inverse=True)[1].astype(np.int64).ravel()
 
 
-RIM = 0.955
-"""Of the radius: farther out pixels are mixed, and so much foreshortened that they tell little."""
-NEAR_RIM = 0.75, 0.9
-"""Of the radius: between these, pixels give way to paints."""
+RIM = 0.955  # of the radius: farther out pixels are mixed, and so much foreshortened that they tell little
+NEAR_RIM = 0.75, 0.9  # of the radius: between these, pixels give way to paints
 
 
 @dataclass(frozen=True)
 class Ball:
     """What is seen of a sphere, on its sprite's box: of one that is cut or hidden, its centre may lie outside."""
 
-    corner: tuple[int, int]
-    """Photo column and row of the box's first pixel."""
-    center: tuple[float, float]
-    """px in the photo at t = 0."""
+    corner: tuple[int, int]  # photo column and row of the box's first pixel
+    center: tuple[float, float]  # px in the photo at t = 0
     radius: float
-    skin: F32
-    """(h, w, 3) linear light over shading, carried outwards from the rim."""
+    skin: F32  # (h, w, 3) linear light over shading, carried outwards from the rim
     gloss: F32
     """(h, w, 3) linear, of either sign: highlights, and what skin and Lambert's law do not tell; it does not turn."""
     light: DistantLight
@@ -273,14 +265,13 @@ def ball_from_photo(
         lit = ball.shade(su, sv, z)
         seen = (inner - shine) / lit
         cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
-        excess = np.maximum(seen - BALL.excess * cv2.dilate(_flat(seen, found, 3), cross), 0)
+        paint = np.argmin([np.abs(seen - c).max(axis=2) for c in found.colours], axis=0).astype(np.uint8)
+        flat = found.colours[cv2.medianBlur(paint, 3)]  # without what is narrower than 2 px
+        excess = np.maximum(seen - BALL.excess * cv2.dilate(flat, cross), 0)
         excess = cv2.morphologyEx(excess, cv2.MORPH_OPEN, cross)  # a line is paint
         bare, shine = seen - excess, shine + excess * lit
         ball = replace(ball, gloss=shine)
         if view is View.TOP:
-            # towards the rim, where few slanted pixels stand for much of the far side, paints instead of pixels
-            share = np.clip((rho - NEAR_RIM[0]) / (NEAR_RIM[1] - NEAR_RIM[0]), 0, 1)[..., None]
-            bare += share * (_flat(bare, found, 5) - bare)
             ball = replace(ball, paints=found.colours)
         ball = replace(ball, skin=bare)
     if _plain(bare, su, sv, z, rho < RIM):
@@ -359,13 +350,14 @@ def equal_area(skin: F32, center: Array, radius: float, paints: F32 | None) -> F
     share = (0.5 - 0.5 * np.maximum(z[edge], 0) / last)[:, None]
     mixed = (1 - share) * border[at % n] + share * border[(at + n // 2) % n]
     found[edge] = paints[mixed.argmax(axis=1)]
+    # the rim draws out a pixel's steps to teeth: borders between paints are evened out, and stay sharp
+    paint = np.abs(found[:, :, None] - paints).max(axis=3).argmin(axis=2)
+    weight = np.eye(len(paints), dtype=np.float32)[paint]
+    weight = cv2.GaussianBlur(weight, (0, 0), max(BALL.even * radius, 0.5)) ** 4
+    even = weight @ paints / weight.sum(axis=2, keepdims=True)
+    out = np.sqrt(1 - np.clip(z, 0, 1) ** 2)[..., None]
+    found += np.clip((out - NEAR_RIM[0]) / (NEAR_RIM[1] - NEAR_RIM[0]), 0, 1) * (even - found)
     return found
-
-
-def _flat(bare: F32, found: Paints, width: int) -> F32:
-    """(h, w, 3) the paint that is nearest to each pixel; what is narrower than half of `width` px is left out."""
-    paint = np.argmin([np.abs(bare - c).max(axis=2) for c in found.colours], axis=0).astype(np.uint8)
-    return np.asarray(found.colours[cv2.medianBlur(paint, width)], np.float32)
 
 
 def _plain(bare: F32, u: F32, v: F32, z: F32, inside: NDArray[np.bool_]) -> bool:

@@ -65,8 +65,7 @@ def _table() -> tuple[Callable[..., object], NDArray[np.uint8]]:
     return cv2.LUT, table
 
 
-TILE = 32
-"""px a side of the tiles in which touched pixels are counted."""
+TILE = 32  # px a side of the tiles in which touched pixels are counted
 
 
 def touched_tiles(boxes: Sequence[Slices], size: tuple[int, int]) -> list[int]:
@@ -166,10 +165,8 @@ class Picture:
 
     stand: SpritePose
     where: Placement
-    light: F32
-    """(h, w, 3) linear, times coverage."""
-    coverage: F32
-    """(h, w)."""
+    light: F32  # (h, w, 3) linear, times coverage
+    coverage: F32  # (h, w)
     rest: tuple[Slices, F32] | None
     """A box and (h, w, 3) what the photo shows there beyond light and background; as bright as the background is."""
     factor: F32 | None = None  # (h, w) by which `light` was multiplied for the shadows of others
@@ -224,6 +221,9 @@ def render_frames(
             touched = boxes_of_tiles(relit, size)
             around_them = halos_left(stage.sprites, stands)
             for picture in pictures:
+                if (below := _mirrored(stage, picture, around_them)) is not None:
+                    canvas[below[0]] += below[1]
+                    touched.append(below[0])
                 sprite = stage.sprites[picture.stand.k]
                 if (around := draw_halo(sprite, picture.stand, around_them)) is not None:
                     shadows.add_border(canvas, *around)
@@ -467,6 +467,26 @@ def _add_sides(stage: Stage, pictures: Sequence[Picture]) -> None:
             cv2.add(picture.light, cv2.merge([lit * part for part in sides.colour])), np.float32
         )
         picture.coverage = coverage + side
+
+
+def _mirrored(stage: Stage, picture: Picture, left: F32) -> tuple[Slices, F32] | None:
+    """A box of the canvas and (h, w, 3) what the floor mirrors of an object that has moved; None: nothing.
+
+    As far as the photo's own reflection has gone, which is part of what is `left` (N + 1,) around the object.
+    """
+    k, (rows, columns) = picture.stand.k, picture.where.box
+    foot = None if stage.mirror is None else stage.mirror.feet[k]
+    if stage.mirror is None or foot is None or picture.where.own is not None:
+        return None
+    first = max(rows.start, foot + 1 - len(stage.mirror.share), 2 * foot + 2 - len(stage.background))
+    last = min(rows.stop, foot + 1)
+    if first >= last:
+        return None
+    share = stage.mirror.share[foot + 1 - last : foot + 1 - first] * (1 - left[stage.sprites[k].body + 1])
+    light = picture.light[first - rows.start : last - rows.start][::-1] * share[:, None, None]
+    box = np.s_[2 * foot + 2 - last : 2 * foot + 2 - first, columns]
+    light = cv2.GaussianBlur(light, (0, 0), stage.mirror.rough, borderType=cv2.BORDER_REPLICATE)
+    return box, np.asarray(light, np.float32)
 
 
 def _figures(stage: Stage, pictures: Sequence[Picture]) -> Mapping[int, Silhouette]:

@@ -25,14 +25,10 @@ from physgen.render.stage import WARP_FLAGS, Placement, ShadowBody, Slices, Spri
 class OcclusionTuning:
     """Resolution and thresholds of shadows on other objects."""
 
-    cells: int = 16
-    """Of the grid on which a veil is worked out, about so many across the figure."""
-    stops: int = 4
-    """On the way through another object's thickness at which its silhouette is looked at."""
-    rim: float = 0.4
-    """Of a ball's normal towards the viewer, from which a veil is seen in full."""
-    faint: float = 0.01
-    """-log of light: what is less everywhere is no veil."""
+    cells: int = 16  # of the grid on which a veil is worked out, about so many across the figure
+    stops: int = 4  # On the way through another object's thickness at which its silhouette is looked at
+    rim: float = 0.4  # of a ball's normal towards the viewer, from which a veil is seen in full
+    faint: float = 0.01  # -log of light: what is less everywhere is no veil
 
 
 OCCLUSION = OcclusionTuning()
@@ -186,8 +182,7 @@ def _behind_slab(slab: Silhouette, x: F32, y: F32, toward: F32, setting: ShadowS
     return np.asarray(blocked * thin, np.float32)
 
 
-SUNK = 3.0
-"""px by which an object's pixels may reach below the floor that it stands on."""
+SUNK = 3.0  # px by which an object's pixels may reach below the floor that it stands on
 
 
 def ground_below(
@@ -229,7 +224,10 @@ def silhouette(
             bottom, tilt = y + actor.radius, 0.0
         below = ground_below(grounds, x, bottom, SUNK + tilt * actor.thick / 2)
     shape = Silhouette(coverage, corner, (x, y), actor.radius, actor.thick, None)
-    return shape if below is None else replace(shape, floor=below[0], ends=(below[1][4], below[1][5]))
+    if below is None:
+        return shape
+    left, right, *walls = below[1][4:].tolist()
+    return replace(shape, floor=below[0], ends=(left, right), walls=(walls[0] > 0, walls[1] > 0))
 
 
 def add_shadow(

@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 from physgen.compile.world import Body, World
 from physgen.geometry.polygon import Array, Disc, Outline, Region, Ring, bounds
 from physgen.geometry.raster import coverage_box
-from physgen.geometry.shadows import F32, ShadowSetting, Silhouette
+from physgen.geometry.shadows import F32, ShadowSetting, Silhouette, floor_contact
 from physgen.maps import U8, Percepts
 from physgen.photometry import DistantLight, decode
 from physgen.render.ball import ball_from_photo, sphere_shading
 from physgen.render.occlusion import SUNK, ground_below, occluders, occlusions, silhouette
 from physgen.render.shadow_decomposition import decompose_shadows
 from physgen.render.sprites import CUT, MARGIN, Mask, Sides, Sprite, anchored, relief_of
-from physgen.render.stage import Frame, ShadowBody, Stage, three_channels
+from physgen.render.stage import Frame, Mirror, ShadowBody, Stage, three_channels
 from physgen.scene.scene import Scene, Solid, View
 
 PAPER = (244, 242, 238)
@@ -51,6 +51,9 @@ class StagingTuning:
     stray: float = 0.03  # share of a ball's pixels that may lie outside its circle
     thread: float = 2.0  # px: how thick what hangs on a ball is
     steep: float = 0.25  # rise over run from which a boundary is no floor: shadows of a slope lie elsewhere
+    mirrored: int = 60  # px below an object's foot in which a floor is asked what it mirrors
+    near_foot: int = 4  # px of these that objects' blurred rims and contact shadows may spoil
+    alike: float = 0.7  # correlation of what lies there with objects upside down, from which it mirrors them
     joined: float = 9.0  # px between the ends of two boundaries that are one floor
 
 
@@ -142,8 +145,7 @@ def _lines(body: Body, corner: tuple[int, int], shape: tuple[int, ...], pen: flo
     return (cv2.resize(canvas, (width, height), interpolation=cv2.INTER_AREA) / 255.0).astype(np.float32)
 
 
-NO_LIGHT = DistantLight((0.0, 0.0, 1.0), 0.0, 1.0)
-"""Even, from all around: nothing is shaded."""
+NO_LIGHT = DistantLight((0.0, 0.0, 1.0), 0.0, 1.0)  # even, from all around: nothing is shaded
 
 
 def matte_stage(stage: Stage) -> Stage:
@@ -255,8 +257,38 @@ def lit_stage(
     photo = decode(maps.rgb)
     if left is not None:  # the photo as it would be without what is left out
         photo = photo * np.exp(np.where(coverage < 0.5, left, 0))[..., None].astype(np.float32)
+    mirror = None if top else floor_mirror(sprites, starts, photo - lit.behind(), coverage, setting.tilt)
     sprites = anchored(sprites, photo, lit.behind(), absent, lit.owner)
-    return Stage(background, sprites, lit, actors, grounds, veils if maps.clean is not None else None)
+    veils_seen = veils if maps.clean is not None else None
+    return Stage(background, sprites, lit, actors, grounds, veils_seen, mirror=mirror)
+
+
+def floor_mirror(
+    sprites: Sequence[Sprite], starts: Sequence[Silhouette], beyond: F32, coverage: F32, tilt: float
+) -> Mirror | None:
+    """What a floor mirrors of what stands on it; None where `beyond` (H, W, 3), linear light that the photo shows
+    beyond the background, is not like the objects turned upside down."""
+    sums, feet = np.zeros((3, STAGING.mirrored)), []
+    for sprite, start in zip(sprites, starts, strict=True):
+        rows, contact = np.flatnonzero((sprite.coverage > 0.5).any(axis=1)), floor_contact(start, tilt)
+        stands = contact is not None and len(rows) and contact.low < 1
+        feet.append(sprite.corner[1] + int(rows[-1]) if stands else None)
+        if not stands:
+            continue
+        left, below = sprite.corner[0] + MARGIN, sprite.corner[1] + int(rows[-1]) + 1
+        own = sprite.light[rows[-1] :: -1, MARGIN:-MARGIN][: STAGING.mirrored]
+        there = np.s_[below : below + len(own), left : left + own.shape[1]]
+        seen = beyond[there] * (coverage[there] == 0)[..., None]
+        own = own[: len(seen)] * (coverage[there] == 0)[..., None]
+        for total, product in zip(sums, (own * seen, own * own, seen * seen), strict=True):
+            total[: len(seen)] += product.sum(axis=(1, 2))
+    share, alike = sums[0] / np.maximum(sums[1], 1e-6), sums[0] / np.sqrt(sums[1] * sums[2] + 1e-12)
+    unlike = np.flatnonzero(alike[STAGING.near_foot :] < STAGING.alike)
+    count = STAGING.near_foot + int(unlike[0]) if len(unlike) else len(share)
+    if count < 3 * STAGING.near_foot:
+        return None
+    fade = np.minimum(np.arange(count, 0, -1) / (2 * STAGING.near_foot), 1)
+    return Mirror((np.maximum(share[:count], 0) * fade).astype(np.float32), feet)
 
 
 def _ghosts(
@@ -282,14 +314,14 @@ def _ghosts(
 
 
 def floors(world: World) -> list[Array]:
-    """(6,) px: segments of walls that are level enough for shadows, and the columns between which they go on level."""
-    found = [
-        np.concatenate([a, b])
-        for wall in world.walls
-        for chain in wall.chains
-        for a, b in pairwise(chain)
-        if abs(b[0] - a[0]) > 1 and abs(b[1] - a[1]) < STAGING.steep * abs(b[0] - a[0])
+    """(8,) px: segments of walls that are level enough for shadows, the columns between which they go on level, and 1
+    or 0: whether an upright wall stands at either end."""
+    every = [
+        np.concatenate(pair) for wall in world.walls for chain in wall.chains for pair in pairwise(chain)
     ]
+    across, down = (np.abs([one[k + 2] - one[k] for one in every]) for k in (0, 1))
+    found = [every[k] for k in np.flatnonzero((across > 1) & (down < STAGING.steep * across))]
+    upright = [every[k] for k in np.flatnonzero(across < STAGING.steep * down)]
     joined = []
     for one in found:
         level = [g for g in found if np.abs(np.subtract.outer(g[1::2], one[1::2])).min() < STAGING.joined]
@@ -298,7 +330,11 @@ def floors(world: World) -> list[Array]:
         for a, b in (*spans, *reversed(spans)):
             if a <= right + STAGING.joined and b >= left - STAGING.joined:
                 left, right = min(left, a), max(right, b)
-        joined.append(np.array([*one, left, right]))
+        walls = [
+            any(abs(w[0] - x) < STAGING.joined and min(w[1::2]) < min(one[1::2]) for w in upright)
+            for x in (left, right)
+        ]
+        joined.append(np.array([*one, left, right, *walls]))
     return joined
 
 

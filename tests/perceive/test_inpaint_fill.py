@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import tracemalloc
 
+import cv2
 import numpy as np
 import pytest
 
@@ -168,6 +169,16 @@ def test_grain_is_no_pattern_of_one_place():
     for down, right in ((0, 2), (2, 0), (2, 2), (0, 4), (4, 0)):  # noise knows nothing of its neighbours
         alike = (filled[down:, right:] * filled[: 40 - down, : 40 - right]).mean() / filled.var()
         assert abs(alike) < 0.15, (down, right)
+
+
+def test_streaks_of_a_cloth_go_on_where_a_large_object_lay():
+    """They are wider than fine grain, and too faint for patches to carry on."""
+    noise = cv2.GaussianBlur(np.random.default_rng(1).normal(0, 1, (240, 400)), (0, 0), sigmaX=4, sigmaY=2)
+    photo = np.repeat((90 + 1.5 * noise / noise.std())[..., None], 3, 2).round().astype(np.uint8)
+    y, x = np.mgrid[:240, :400]
+    hole = np.hypot(x - 120, y - 120) <= 50
+    inside = fill()(photo, hole)[np.hypot(x - 120, y - 120) <= 40]
+    assert 0.7 < inside.std() / photo.std() < 1.2
 
 
 @pytest.mark.parametrize("dark", [True, False])

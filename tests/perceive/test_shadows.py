@@ -204,6 +204,22 @@ def test_shadows_that_fan_out_under_a_near_lamp_leave_no_marks() -> None:
     assert left.max() < 10
 
 
+def test_from_above_a_shadow_goes_with_its_colour() -> None:
+    """Warm light is blocked, and the cool light of a window is left: no blue disc stays on the table."""
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    labels, things, each = np.zeros((HEIGHT, WIDTH), np.uint16), [], []
+    for k, (cx, cy) in enumerate([(120.0, 100.0), (260.0, 120.0), (190.0, 220.0)], 1):
+        labels[np.hypot(x - cx, y - cy) <= 22] = k
+        things.append(PhotoObject(k, Disc(np.array([cx, cy]), 22.0), "ball"))
+        each.append(np.hypot((x - cx - 22) / 2**0.5, y - cy) <= 22)
+    shade = cv2.GaussianBlur(np.any(each, axis=0).astype(np.float32), (0, 0), 1.0)
+    table = np.broadcast_to(np.array([0.2, 0.2, 0.2]), (HEIGHT, WIDTH, 3))
+    found = lift(srgb(table * (1 - shade[..., None] * [0.75, 0.65, 0.5])), labels, things, (), View.TOP)
+    assert found.clean is not None
+    there = (shade > 0.9) & (cv2.dilate((labels > 0).astype(np.uint8), np.ones((9, 9), np.uint8)) == 0)
+    assert abs(np.median(found.clean[there].astype(int) @ [1, 0, -1])) < 8
+
+
 # soft light from all sides leaves it dark about feet and rims
 
 

@@ -10,7 +10,7 @@ from pytest import approx
 from physgen.photometry import decode, encode_u8
 from physgen.render.frames import render_frames
 from physgen.render.sprites import anchored, cut_sprites
-from physgen.render.stage import Stage
+from physgen.render.stage import Mirror, Stage
 from physgen.simulate.trajectory import Contacts, Effort, Energy, Trajectory
 
 H, W = 120, 160
@@ -126,6 +126,20 @@ def test_positive_angles_turn_x_towards_y() -> None:
     assert rows.min() >= 59
     assert rows.max() >= 88
     assert (columns.min(), columns.max()) == (58, 62)
+
+
+def test_a_floor_mirrors_what_has_moved() -> None:
+    labels = np.zeros((H, W), np.uint16)
+    labels[50:60, 40:60] = 1
+    background = np.zeros((H, W, 3), np.uint8)
+    rgb = np.where(labels[..., None] > 0, 255, background).astype(np.uint8)
+    cut = cut_out(rgb, labels, labels > 1, (labels > 0).astype(np.float32), background, (0,))
+    stage = Stage(background, cut, mirror=Mirror(np.full(6, 0.25, np.float32), [59]))
+    first, last = render_frames(stage, trajectory([(50, 55, 0), (80, 55, 0)]))
+    assert np.array_equal(first.rgb, rgb)
+    assert decode(last.rgb)[61:64, 75:85] == approx(0.25, abs=0.02)
+    assert not last.rgb[66:].any()
+    assert not last.rgb[60:, :60].any()
 
 
 def test_blending_happens_in_linear_light() -> None:

@@ -11,10 +11,11 @@ import pytest
 
 from physgen import pipeline
 from physgen.geometry.polygon import Pose
-from physgen.geometry.shadows import ShadowSetting, Silhouette, shadow_darkness
+from physgen.geometry.shadows import ShadowSetting, Silhouette, shadow_darkness, shadows_on_sides
 from physgen.photometry import DistantLight, decode, encode_u8
 from physgen.render.atlas import BallSprites
-from physgen.render.ball import ball_from_photo
+from physgen.render.ball import ball_from_photo, equal_area
+from physgen.render.shadow_decomposition import decompose_shadows
 from physgen.render.sprites import Sides, Sprite, lambert, relief_of
 from physgen.render.stage import Placement, draw_sprite, place_sprite
 from physgen.scene.scene import View
@@ -230,6 +231,41 @@ def test_a_block_throws_a_shadow_as_long_as_the_light_is_low(softness) -> None:
     assert shade[(y > row + tilt * t / 2 + 3) | (x < 50)].max() < 0.1
 
 
+def test_a_floor_ends_at_a_line_that_runs_towards_the_middle_of_the_picture() -> None:
+    """As the foot of a wall beside it does, farther back: no shadow of the floor is painted on the wall."""
+    what = replace(ball_at(165, 180, 20.0, floor=250.0), ends=(-np.inf, 240.0))
+    x, y, shade = seen(what, setting(LOW, 0.1, top=False, tilt=0.1))
+    foot = 150 + 90 * (y - 150) / 100
+    assert shade[x > foot + 2].max() == 0
+    assert shade[x < foot - 2].max() > 0.9
+
+
+@pytest.mark.parametrize(("ball", "area"), [(True, np.pi * 20**2 / 0.6), (False, np.pi * 20**2 * 0.8)])
+def test_a_wall_beside_takes_the_shadow_where_the_light_meets_it(ball, area) -> None:
+    """60 px to the right, 64 down and 48 back, where the picture of all is smaller by 1000 / 1048."""
+    what = ball_at(180, 120, 20.0, floor=250.0)
+    what = replace(what, ends=(-np.inf, 240.0), walls=(False, True), radius=20.0 if ball else None)
+    [((x0, y0, x1, y1), dark)] = shadows_on_sides(what, setting(LOW, 0.1, top=False, tilt=0.1))
+    (y, x), shade = np.mgrid[y0:y1, x0:x1], (1 - np.exp(-dark)) / 0.98
+    middle = [(part * shade).sum() / shade.sum() for part in (x, y)]
+    assert middle == pytest.approx([150 + 90 / 1.048, 150 + (120 + 64 - 150) / 1.048], abs=1.0)
+    assert shade.sum() == pytest.approx(area * 90 / 1000 / 1.048**3, rel=0.1)
+    assert not list(shadows_on_sides(replace(what, walls=(False, False)), setting(LOW, 0.1, top=False)))
+
+
+def test_shadows_are_as_deep_as_those_of_the_photo() -> None:
+    """The light keeps its strength in the scene file; half of what a shadow lacks comes back from other surfaces."""
+    cover = np.zeros((300, 300), np.float32)
+    cover[120:200, 60:120] = 1
+    what, model = Silhouette(cover, (0, 0), (89.5, 159.5), None, 40.0, 199.5), setting(LOW, 3.0, top=False)
+    (x0, y0, x1, y1), dark = shadow_darkness(what, model)
+    light = np.full((300, 300, 3), 0.4, np.float32)
+    light[y0:y1, x0:x1] *= 1 - 0.5 * (1 - np.exp(-dark))[..., None]
+    clean = np.full((300, 300, 3), encode_u8(np.float32(0.4)), np.uint8)
+    lit, _ = decompose_shadows(encode_u8(light), clean, cover, [what], [False], model)
+    assert 0.45 < lit.setting.direct((0, -1, 0)) / model.direct((0, -1, 0)) < 0.65
+
+
 def test_beneath_a_thing_that_leans_the_sky_is_hidden() -> None:
     """A plate of height 0 at one end and 60 px at the other, in ambient light alone: ever less dark."""
     cover = np.zeros((300, 300), np.float32)
@@ -397,6 +433,16 @@ def test_the_far_side_of_a_ball_goes_on_with_its_stripe() -> None:
         found = turned(ball, (50.0, 50.0), turn, size, (0, 0)) + ball.gloss
         off = np.abs(encode_u8(found).astype(int) - encode_u8(ball_turned(turn))).max(-1)[z > 0.35]
         assert (off > 30).mean() < 0.035
+
+
+def test_the_rim_of_a_ball_draws_no_teeth_out_of_pixels() -> None:
+    """A straight border between two paints, in steps of pixels, is as long as one without, within a tenth."""
+    paints = np.array([[0.6, 0.5, 0.3], [0.05, 0.01, 0.06]], np.float32)
+    y, x = np.mgrid[:81, :81]
+    skin = np.where((0.8 * (x // 2 - 20) + 0.6 * (y // 2 - 20) > 14)[..., None], *paints)
+    found = equal_area(np.asarray(skin, np.float32), np.array([40.0, 40.0]), 40.0, paints)[..., 0] > 0.3
+    [border], _ = cv2.findContours(found.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    assert cv2.arcLength(border, True) < 1.1 * cv2.arcLength(cv2.convexHull(border), True)
 
 
 def test_shadows_of_a_near_lamp_lean_away_from_it(tmp_path) -> None:

@@ -173,3 +173,12 @@ def test_a_doubtful_id_that_can_mean_nothing_is_told(mask: int, said: str, tmp_p
     ]
     assert said in str(told)
     assert told.place.line is not None
+
+
+def test_a_polished_floor_mirrors_dominoes_and_a_dull_one_no_ball(bundled: Path) -> None:
+    """The share fades with depth, as far below as there is anything like the dominoes upside down."""
+    mirror = opened(bundled, "dominoes")[2].mirror
+    assert mirror is not None
+    assert 0.05 < mirror.share[8] < 0.12
+    assert (np.diff(mirror.share[4:]) < 0.005).all()
+    assert opened(bundled, "wall-ball")[2].mirror is None

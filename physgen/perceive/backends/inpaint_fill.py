@@ -29,7 +29,7 @@ class _Limits:
     around: int = 12  # px around a piece of the hole in which smoothness is judged
     # levels: RMS distance from a quadratic surface up to which the surroundings are smooth
     smooth: float = 3.0
-    grain: float = 3.0  # px: standard deviation of the blur that separates grain from colour
+    grain: float = 10.0  # px: standard deviation of the blur that separates grain from colour
     # level lines, as a shelf's edge: px along and beside them in which they are seen, levels by which they stand out,
     # share of these by which their ends differ at most, and px beside their middle that are drawn
     line: tuple[int, int] = (4, 4)
@@ -94,8 +94,9 @@ def _carry_level_lines(filled: F32, photo: F32, hole: Mask) -> F32:
 
 
 def _smooth_pieces(photo: F32, borrowed: F32, hole: Mask) -> F32:
-    """`borrowed` (H, W, 3), but a harmonic fill with its grain in pieces of the hole with smooth surroundings."""
-    smooth, most = np.zeros_like(hole), np.zeros(hole.shape, np.float32)
+    """`borrowed` (H, W, 3), but a harmonic fill with grain of one place in pieces with smooth surroundings."""
+    smooth, own = np.zeros_like(hole), borrowed - cv2.GaussianBlur(borrowed, (0, 0), LIMITS.grain)
+    grain = own.copy()
     for part, piece in hole_pieces(hole):
         wide = tuple(slice(max(0, s.start - LIMITS.around), s.stop + LIMITS.around) for s in part)
         inner = np.zeros_like(hole[wide])
@@ -104,13 +105,31 @@ def _smooth_pieces(photo: F32, borrowed: F32, hole: Mask) -> F32:
         rough = _roughness(photo[wide], dilate(inner, LIMITS.around) & ~dilate(hole[wide], 1))
         if rough < LIMITS.smooth:
             smooth[wide] |= inner
-            most[wide][inner] = 2 * rough
+            like = _like_place(own, hole, part, piece, rough)
+            grain[part][piece] = np.clip(own[like][piece], -2 * rough, 2 * rough)
     if not smooth.any():
         return borrowed
-    grain = borrowed - cv2.GaussianBlur(borrowed, (0, 0), LIMITS.grain)
-    grain = np.clip(grain, -most[:, :, None], most[:, :, None])
     film = harmonic_fill(np.where(hole[:, :, None], borrowed, photo), smooth, 0.1)
     return np.where(smooth[:, :, None], film + grain, borrowed)
+
+
+def _like_place(
+    grain: F32, hole: Mask, part: tuple[slice, slice], piece: Mask, rough: float
+) -> tuple[slice, slice]:
+    """Rows and columns of the nearest place that shows a whole `piece` (h, w) of grain no rougher than `rough` levels;
+    `part` itself where there is none. Copies of many places, averaged, lose all but the finest grain."""
+    top, left = (s.start for s in part)
+    (h, w), (height, width) = piece.shape, hole.shape
+    corners = [
+        (y, x)
+        for y in range(top % (h // 2), height - h + 1, h // 2)
+        for x in range(left % (w // 2), width - w + 1, w // 2)
+    ]
+    for y, x in sorted(corners, key=lambda at: (at[0] - top) ** 2 + (at[1] - left) ** 2):
+        there = slice(y, y + h), slice(x, x + w)
+        if not hole[there][piece].any() and (grain[there][piece] ** 2).mean() < (1.2 * rough) ** 2:
+            return there
+    return part
 
 
 def _roughness(photo: F32, around: Mask) -> float:

@@ -33,6 +33,7 @@ from physgen.perceive.shadow.shadow_fit import FULL, deviation_penalty, with_dir
 from physgen.perceive.shadow.shadow_removal import (
     HUES,
     hue_weights,
+    lightened,
     mean_of_kind,
     shadow_owners,
     shadow_owners_by_model,
@@ -82,8 +83,7 @@ def _geometry(
         return _remove_ambient(background, coverage, shade, at(1.0), light.light)
     setting = replace(_matched(setting, factor), size=(labels.shape[1], labels.shape[0]))
     silhouettes = at(1.0)
-    dark = _seen_darkness(background, coverage, silhouettes, setting)
-    clean = encode_u8(decode(background) * np.exp(dark)[..., None])
+    clean = lightened(background, *_seen_darkness(background, coverage, silhouettes, setting))
     casts = [
         (what.id, *found) for what in silhouettes if (found := shadow_darkness(what, setting)) is not None
     ]
@@ -211,8 +211,9 @@ def _matched(setting: ShadowSetting, factor: float) -> ShadowSetting:
 
 def _seen_darkness(
     background: Rgb, coverage: F32, silhouettes: Sequence[Silhouette], setting: ShadowSetting
-) -> F32:
-    """(H, W) -log of the light that the photo misses, within reach of what geometry predicts."""
+) -> tuple[F32, F32, F32]:
+    """(H, W) -log of the light that the photo misses, within reach of what geometry predicts; (H, W, 3) the light of
+    like surfaces in full light; (H, W) 1 where no object is near."""
     model = predicted_darkness(silhouettes, setting)
     size = typical_size(silhouettes)
     side = 2 * max(1, round(0.2 * size)) + 1
@@ -221,16 +222,18 @@ def _seen_darkness(
     reach = blurred(np.asarray(wide, np.float32), max(2.0, 0.15 * size))
     linear = decode(background)
     smooth = np.asarray(cv2.medianBlur(np.log(luminance(linear) + DARKEST), 5), np.float32)
-    reference = _reference(linear, smooth, (reach <= 0.03) & away_from_objects(coverage), size)
+    free = away_from_objects(coverage)
+    lit = _reference(linear, (reach <= 0.03) & free, size)
     # the light found may be a little off, so that shadows lie beside those of the model
     most = 1.7 * cv2.dilate(wide, disc) + 0.2
-    return np.asarray(np.clip(reference - smooth, 0, most) * np.clip(reach / 0.08, 0, 1), np.float32)
+    dark = np.clip(np.log(luminance(lit) + DARKEST) - smooth, 0, most) * np.clip(reach / 0.08, 0, 1)
+    return np.asarray(dark, np.float32), lit, free.astype(np.float32)
 
 
-def _reference(linear: F32, light: F32, known: Mask, size: float) -> F32:
-    """(H, W): the light of like-coloured surfaces nearby, from where it is `known`."""
+def _reference(linear: F32, known: Mask, size: float) -> F32:
+    """(H, W, 3): the light of like-coloured surfaces nearby, from where it is `known`."""
     if np.count_nonzero(known) < HUES:
-        return light
+        return linear
     reaches = [(part * size, part * size, gain) for part, gain in ((0.4, 1.0), (1.0, 0.05), (3, 0.002))]
     kinds = hue_weights(linear, known, 8000)
 
@@ -238,4 +241,8 @@ def _reference(linear: F32, light: F32, known: Mask, size: float) -> F32:
         return blurred(picture, across)
 
     plain = known.astype(np.float32)
-    return mean_of_kind(light, plain, kinds, reaches, tiny=1e-9, prior=(1e-6, 1e-6), blur=blur)
+    logs = (cv2.medianBlur(np.log(part + DARKEST), 5) for part in cv2.split(linear))
+    means = [
+        mean_of_kind(part, plain, kinds, reaches, tiny=1e-9, prior=(1e-6, 1e-6), blur=blur) for part in logs
+    ]
+    return np.asarray(np.exp(cv2.merge(means)) - DARKEST, np.float32)

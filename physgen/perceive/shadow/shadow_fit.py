@@ -30,14 +30,10 @@ from physgen.photometry import DistantLight, decode, luminance
 
 COARSE, FINE = 192, 384
 """px: longer side of the pictures in which the light is searched, first and then."""
-TILT = 0.1
-"""Rise over run of the floor where it is unknown."""
-SOFT = 8.0
-"""degrees: half the width of usual lights, lamps and windows."""
-TRUSTED = 0.3
-"""Confidence of a light from shading from which it counts."""
-FULL = 1.2
-"""Shading of a surface that faces the light: there it shows its own colour."""
+TILT = 0.1  # rise over run of the floor where it is unknown
+SOFT = 8.0  # degrees: half the width of usual lights, lamps and windows
+TRUSTED = 0.3  # confidence of a light from shading from which it counts
+FULL = 1.2  # shading of a surface that faces the light: there it shows its own colour
 
 
 @dataclass(frozen=True)
@@ -152,8 +148,7 @@ class LightFit:
     setting: ShadowSetting
     likeness: float  # Correlation of predicted and seen slopes
     factor: float  # Seen over predicted darkness, as a logarithm
-    each: float = 1.0
-    """The same where the shadows of objects side by side are added up."""
+    each: float = 1.0  # the same where the shadows of objects side by side are added up
 
 
 def search_light(gradients: Sequence[LightGradients], guess: LightGuess) -> tuple[int, LightFit]:
@@ -304,12 +299,9 @@ class WallShadow:
 
     shift: tuple[float, float]  # From an object to its shadow, in the middle of the photo
     size: float  # Of shadow to object, about the middle of the photo
-    likeness: float = 0.0
-    """Correlation of slopes along the outlines."""
-    factor: float = 0.0
-    """-log of the light that is left."""
-    soft: float = 0.0
-    """px, standard deviation of the shadows' edges."""
+    likeness: float = 0.0  # correlation of slopes along the outlines
+    factor: float = 0.0  # -log of the light that is left
+    soft: float = 0.0  # px, standard deviation of the shadows' edges
 
     def convincing(self, count: int) -> bool:
         """One round object finds a round patch almost anywhere; several must find theirs all at once."""

@@ -26,8 +26,7 @@ from physgen.photometry import decode, encode_u8, luminance
 
 Reaches = Sequence[tuple[float, float, float]]
 """px across and down over which like surfaces are averaged, and the weight of each."""
-HUES = 6
-"""Kinds of surface that are separated."""
+HUES = 6  # Kinds of surface that are separated
 FAINT = 0.08  # -log of light, smoothed: less is no visible shadow
 PREDICTED = 0.02  # -log of light from which geometry predicts a shadow
 SHARE = 0.3  # weight of geometry: the photo alone leaves the soft ends of shadows to its grain
@@ -163,12 +162,19 @@ def remove_shadows(background: Rgb, coverage: F32, predicted: F32, size: float) 
     ]
     linear = decode(background[part])
     dark, clean = _Removal(linear, free[part], predicted[part], size).darkness()
-    gone = 1 - np.exp(-dark)
-    left = 1 - gone[..., None] * _tint(linear, clean, gone, free[part])
     result = background.copy()
-    there = dark > 1e-3
-    result[part][there] = encode_u8(linear / np.maximum(left, 0.04))[there]
+    result[part] = lightened(background[part], dark, clean, free[part])
     return result
+
+
+def lightened(background: Rgb, dark: F32, clean: F32, free: F32) -> Rgb:
+    """(h, w, 3) without the shadow `dark` (h, w), -log of light, of surfaces that are `clean` (h, w, 3) in full light.
+
+    The blocked light has one colour, which is read off where the background is `free` (h, w).
+    """
+    linear, gone, there = decode(background), 1 - np.exp(-dark), dark > 1e-3
+    left = 1 - gone[..., None] * _tint(linear, clean, gone, free)
+    return np.where(there[..., None], encode_u8(linear / np.maximum(left, 0.04)), background)
 
 
 def edge_ratio(background: Rgb, clean: Rgb, coverage: F32) -> float:
