@@ -150,21 +150,20 @@ def draw_border(sprite: Sprite, where: Placement, left: NDArray[np.float32]) -> 
 
     `left` (N + 1,) from 1 on: of each body, the share of its own; 0: without any.
     """
-    if sprite.rest is None:
+    if sprite.rest is None or (where.own is None and (where.rest <= 0 or where.matrix is None)):
         return None
+    rest = sprite.rest
+    if sprite.hider is not None and (left[sprite.hider] < 1).any():
+        rest = rest * three_channels(left[sprite.hider])
     if where.own is not None:
-        rest = sprite.rest[where.own]
-        if sprite.hider is not None and (left[sprite.hider[where.own]] < 1).any():
-            rest = rest * three_channels(left[sprite.hider[where.own]])
-        return where.box, rest
-    if where.rest <= 0 or where.matrix is None:
-        return None
+        return where.box, rest[where.own]
+    assert where.matrix is not None
     rows, columns = box = where.border or where.box
     matrix = where.matrix.copy()
     matrix[:, 2] += matrix[:, 0] * (columns.start - where.box[1].start)
     matrix[:, 2] += matrix[:, 1] * (rows.start - where.box[0].start)
     size = (columns.stop - columns.start, rows.stop - rows.start)
-    border = cv2.warpAffine(sprite.rest, matrix, size, flags=WARP_FLAGS, borderMode=cv2.BORDER_CONSTANT)
+    border = cv2.warpAffine(rest, matrix, size, flags=WARP_FLAGS, borderMode=cv2.BORDER_CONSTANT)
     return box, np.asarray(np.float32(where.rest) * border, np.float32)
 
 
