@@ -77,8 +77,8 @@ class SpriteTuning:
     halo: float = 40 / 512  # of the photo's longer side: how far around an object its blurred rim may reach
     shared: float = 5.0  # px: how gently neighbours share what the photo shows between them
     unseen: float = 1e-4  # of linear light: less is no difference from the photo
-    touching: int = 4  # px from an object's pixels up to which another one touches it
     gap: int = 10  # px from an object up to which what is dark beside it may be another one's doing, too
+    shaded: float = 0.6  # of what is inside it, that a border in a gap shows at least when the gap has opened
     seen: float = 0.2
     """Of an object's mask that must lie apart from others, for their rims to be left out of what is continued."""
     covered: float = 0.2
@@ -256,6 +256,11 @@ class Sprite:
         return max([self.body + 1, *(int(near.max()) for near in beside if near is not None)])
 
     @cached_property
+    def beside(self) -> NDArray[np.int32]:
+        """(n,) all that is in `hider`, 0 where there is none."""
+        return np.zeros(1, np.int32) if self.hider is None else np.unique(self.hider)
+
+    @cached_property
     def fine(self) -> F32:
         """(2h - 1, 2w - 1, 4): light and coverage at every half pixel, for warps.
 
@@ -295,6 +300,9 @@ def cut_sprites(
     the scene leaves out, which vanish; `coverage` (H, W) of all objects together, absent ones too. None is `anchored`.
     """
     photo, behind = decode(rgb), decode(background)
+    taken, square = ((labels > 0) | absent).astype(np.uint8), np.ones((CUT.gap + 1,) * 2, np.uint8)
+    closed = cv2.morphologyEx(taken, cv2.MORPH_CLOSE, square, borderType=cv2.BORDER_REPLICATE)
+    dim = dilate(closed > taken, CUT.clean + 1)  # gaps too narrow for light, and borders beside them
     boxes = _boxes(labels)
     hidden = {}
     for k, shape in enumerate(shapes):
@@ -314,10 +322,10 @@ def cut_sprites(
         share: F32 = np.asarray(shared, np.float32)
         alpha = np.where(soft > CUT.least, coverage[box] * share, 0.0).astype(np.float32)
         alpha[(labels[box] == k + 1) & (alpha > 0.995)] = 1.0
-        light = _foreground(photo[box], behind[box], labels[box] == k + 1, alpha, share)
         mine, none = labels[box] == k + 1, np.zeros(alpha.shape, np.bool_)
+        light = _foreground(photo[box], behind[box], mine, alpha, share, dim[box])
         others = np.where(mine, 0, labels[box]).astype(np.int32)
-        touching, by = _nearest(others, none, CUT.touching), (others > 0) | absent[box]
+        touching, by = _nearest(others, none, CUT.gap), (others > 0) | absent[box]
         if k in hidden or (dilate(by, CUT.clean) & mine).any():
             part = hidden.get(k) or _Hidden(boxes[k + 1], labels[box], np.zeros_like(alpha), none, by)
             light, alpha = _completed(photo[box], mine, light, alpha, coverage[box], part)
@@ -546,14 +554,14 @@ def _boxes(labels: U16) -> dict[int, tuple[int, int, int, int]]:
     return {k: (max(x0, 0), max(y0, 0), min(x1, width), min(y1, height)) for k, x0, y0, x1, y1 in boxes}
 
 
-def _foreground(photo: F32, behind: F32, mask: Mask, alpha: F32, share: F32) -> F32:
+def _foreground(photo: F32, behind: F32, mask: Mask, alpha: F32, share: F32, dim: Mask) -> F32:
     """The object's own light times `alpha` (h, w, 3): the photo less what shows through of the background.
 
     Where little of a pixel is the object's, and what is behind it is not well known, the light that is carried outwards
-    from inside bounds it.
+    from inside bounds it. Where it is `dim` (h, w), others keep light from it, which it gets as they go.
     """
     inside = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 3)[1:-1, 1:-1]
-    sure = (inside > CUT.clean) & (alpha >= 1.0)
+    sure = (inside > CUT.clean) & (alpha >= 1.0) & ~dim
     if not sure.any():
         sure = inside >= min(float(inside.max()), CUT.clean)
     weight = sure.astype(np.float32)
@@ -571,6 +579,6 @@ def _foreground(photo: F32, behind: F32, mask: Mask, alpha: F32, share: F32) -> 
     own = photo - (1 - a) * behind
     trust = np.clip((a - TRUST[0]) / (TRUST[1] - TRUST[0]), 0, 1)
     trust = trust * np.clip(10 * share - 9, 0, 1)[..., None]
-    return np.asarray(
-        np.where(a > 0, trust * np.clip(own, 0, None) + (1 - trust) * a * filled, 0), np.float32
-    )
+    light = np.where(a > 0, trust * np.clip(own, 0, None) + (1 - trust) * a * filled, 0)
+    least = np.float32(CUT.shaded) * dim[..., None] * a * filled
+    return np.asarray(np.maximum(light, least), np.float32)

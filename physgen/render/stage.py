@@ -27,6 +27,8 @@ FAINT = 0.02
 """Share of a halo that nobody sees."""
 FADE = 3.0
 """px of motion over which the photo's own border pixels give way to the object's clean ones."""
+GONE = 1e9
+"""px, of what is not in the picture."""
 SPREAD = 1.5
 """px beyond its pixels that a warped picture may reach."""
 WARP_FLAGS = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
@@ -48,10 +50,8 @@ class Placement:
     """(3, 3) A ball: how its skin has turned."""
     shift: tuple[float, float] = (0.0, 0.0)
     """px by which the centre has moved."""
-    rest: float = 0.0
-    """Share of the photo's own border pixels that still shows."""
     border: Slices | None = None
-    """The box of those, where it is wider than `box`."""
+    """The box of the photo's own border pixels, where it is wider than `box`."""
 
 
 def place_sprite(
@@ -85,8 +85,7 @@ def place_sprite(
     # canvas pixel p (from the box's corner) comes from sprite pixel R^-1 (p + box - pose) + start - corner
     dx, dy = box[1].start - pose.x, box[0].start - pose.y
     matrix = np.array([[c, s, c * dx + s * dy + start.x - x0], [-s, c, c * dy - s * dx + start.y - y0]])
-    moved_by = max(max(abs(a - x), abs(b - y)) for a, b, (x, y) in zip(xs, ys, sprite.hull, strict=True))
-    return Placement(box, matrix=matrix, turn=turn, rest=max(0.0, 1 - moved_by / FADE))
+    return Placement(box, matrix=matrix, turn=turn)
 
 
 def _rolled(
@@ -103,10 +102,9 @@ def _rolled(
     if box is None:
         return None
     matrix = np.array([[1.0, 0, box[1].start - x], [0, 1, box[0].start - y]])
-    rest = max(0.0, 1 - max(abs(dx), abs(dy)) / FADE)
     height, width = sprite.coverage.shape
-    border = _boxed(x, y, x + width - 1, y + height - 1, size) if rest > 0 else None
-    return Placement(box, None, matrix, 0.0, space, (dx, dy), rest, border)
+    border = _boxed(x, y, x + width - 1, y + height - 1, size)
+    return Placement(box, None, matrix, 0.0, space, (dx, dy), border)
 
 
 def _boxed(lx: float, ly: float, hx: float, hy: float, size: tuple[int, int]) -> Slices | None:
@@ -148,13 +146,13 @@ def draw_sprite(sprite: Sprite, where: Placement, fine: int = 1) -> tuple[F32, F
 def draw_border(sprite: Sprite, where: Placement, left: NDArray[np.float32]) -> tuple[Slices, F32] | None:
     """A box and (h, w, 3) the share of `Sprite.rest` that still shows there; None: nothing.
 
-    `left` (N + 1,) from 1 on: of each body, the share of its own; 0: without any.
+    `left` (N + 1,): of what each body leaves on this one, by `borders_left`; 0: of what is its own.
     """
-    if sprite.rest is None or (where.own is None and (where.rest <= 0 or where.matrix is None)):
+    if sprite.rest is None or not (shares := left[sprite.beside]).any():
         return None
     rest = sprite.rest
-    if sprite.hider is not None and (left[sprite.hider] < 1).any():
-        rest = rest * three_channels(left[sprite.hider])
+    if shares.min() < 1:
+        rest = rest * (left[0] if sprite.hider is None else three_channels(left[sprite.hider]))
     if where.own is not None:
         return where.box, rest[where.own]
     assert where.matrix is not None
@@ -164,7 +162,24 @@ def draw_border(sprite: Sprite, where: Placement, left: NDArray[np.float32]) -> 
     matrix[:, 2] += matrix[:, 1] * (rows.start - where.box[0].start)
     size = (columns.stop - columns.start, rows.stop - rows.start)
     border = cv2.warpAffine(rest, matrix, size, flags=WARP_FLAGS, borderMode=cv2.BORDER_CONSTANT)
-    return box, np.asarray(np.float32(where.rest) * border, np.float32)
+    return box, np.asarray(border, np.float32)
+
+
+def borders_left(sprites: Sequence[Sprite], there: Sequence[SpritePose]) -> NDArray[np.float32]:
+    """(n, N + 1) of those `there`, in the picture: the share that each body, from 1 on, still leaves on their borders.
+
+    It goes as the two part, however both have moved; 0: what is their own, which goes as they leave their place.
+    """
+    shifts = np.full((max((sprite.hiders for sprite in sprites), default=0) + 1, 3), GONE)
+    shifts[0] = 0
+    own = np.zeros((len(there), 3))
+    for shift, at in zip(own, there, strict=True):
+        shift[:] = np.subtract(at.pose, at.start)
+        shift[2] *= sprites[at.k].ball is None  # its picture never turns
+        shifts[sprites[at.k].body + 1] = shift
+    far = np.abs(own[:, None] - shifts)
+    far[..., 2] *= np.array([max(sprites[at.k].coverage.shape) / 2 for at in there])[:, None]
+    return np.asarray(np.maximum(1 - far.max(axis=2) / FADE, 0), np.float32)
 
 
 def halos_left(sprites: Sequence[Sprite], stands: Sequence[SpritePose]) -> NDArray[np.float32]:
