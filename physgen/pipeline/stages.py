@@ -194,7 +194,10 @@ def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
     absent = (maps.cut_out > 0) & (compiled.labels == 0) & ~compiled.scenery & ~np.isin(maps.labels, doubtful)
     with single_threaded():
         shapes = compiled.shapes.outlines
-        sprites = cut_sprites(maps.rgb, compiled.labels, absent, coverage, background, order, shapes, layers)
+        toward = (0.0, 0.0, 1.0) if scene.light is None else scene.light.direction
+        sprites = cut_sprites(
+            maps.rgb, compiled.labels, absent, coverage, background, order, shapes, layers, toward
+        )
         made = lit_stage(scene, world, sprites, maps, background, coverage, absent)
     return replace(made, supersample=fine, starts=begin)
 

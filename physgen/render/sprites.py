@@ -78,7 +78,6 @@ class SpriteTuning:
     shared: float = 5.0  # px: how gently neighbours share what the photo shows between them
     unseen: float = 1e-4  # of linear light: less is no difference from the photo
     gap: int = 10  # px from an object up to which what is dark beside it may be another one's doing, too
-    shaded: float = 0.6  # of what is inside it, that a border in a gap shows at least when the gap has opened
     seen: float = 0.2
     """Of an object's mask that must lie apart from others, for their rims to be left out of what is continued."""
     covered: float = 0.2
@@ -292,12 +291,14 @@ def cut_sprites(
     order: Sequence[int],
     shapes: Sequence[Outline] = (),
     layers: Sequence[int] = (),
+    toward: tuple[float, float, float] = (0.0, 0.0, 1.0),
 ) -> list[Sprite]:
     """Sprites in drawing order, the farthest first; what others hide of their `shapes`, one a body, is completed.
 
     Where `layers`, one a body, differ, the larger is in front, whatever seems hidden.
     `rgb`, `background` (H, W, 3) sRGB; `labels` (H, W), id k + 1 is body k; `absent` (H, W): objects of the photo that
     the scene leaves out, which vanish; `coverage` (H, W) of all objects together, absent ones too. None is `anchored`.
+    Borders that narrow gaps keep dark are lit by a light that is `toward`, as they would be without the gap.
     """
     photo, behind = decode(rgb), decode(background)
     taken, square = ((labels > 0) | absent).astype(np.uint8), np.ones((CUT.gap + 1,) * 2, np.uint8)
@@ -323,7 +324,10 @@ def cut_sprites(
         alpha = np.where(soft > CUT.least, coverage[box] * share, 0.0).astype(np.float32)
         alpha[(labels[box] == k + 1) & (alpha > 0.995)] = 1.0
         mine, none = labels[box] == k + 1, np.zeros(alpha.shape, np.bool_)
-        light = _foreground(photo[box], behind[box], mine, alpha, share, dim[box])
+        down, right = np.gradient(_soft(mine, CUT.clean))
+        facing = -(toward[0] * right + toward[1] * down) / np.maximum(np.hypot(right, down), 1e-6)
+        lit = np.where(dim[box], np.maximum(facing, 0), 0).astype(np.float32)
+        light = _foreground(photo[box], behind[box], mine, alpha, share, lit)
         others = np.where(mine, 0, labels[box]).astype(np.int32)
         touching, by = _nearest(others, none, CUT.gap), (others > 0) | absent[box]
         if k in hidden or (dilate(by, CUT.clean) & mine).any():
@@ -554,14 +558,14 @@ def _boxes(labels: U16) -> dict[int, tuple[int, int, int, int]]:
     return {k: (max(x0, 0), max(y0, 0), min(x1, width), min(y1, height)) for k, x0, y0, x1, y1 in boxes}
 
 
-def _foreground(photo: F32, behind: F32, mask: Mask, alpha: F32, share: F32, dim: Mask) -> F32:
+def _foreground(photo: F32, behind: F32, mask: Mask, alpha: F32, share: F32, lit: F32) -> F32:
     """The object's own light times `alpha` (h, w, 3): the photo less what shows through of the background.
 
     Where little of a pixel is the object's, and what is behind it is not well known, the light that is carried outwards
-    from inside bounds it. Where it is `dim` (h, w), others keep light from it, which it gets as they go.
+    from inside bounds it. It has at least the share `lit` (h, w) of that.
     """
     inside = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 3)[1:-1, 1:-1]
-    sure = (inside > CUT.clean) & (alpha >= 1.0) & ~dim
+    sure = (inside > CUT.clean) & (alpha >= 1.0) & (lit == 0)
     if not sure.any():
         sure = inside >= min(float(inside.max()), CUT.clean)
     weight = sure.astype(np.float32)
@@ -580,5 +584,4 @@ def _foreground(photo: F32, behind: F32, mask: Mask, alpha: F32, share: F32, dim
     trust = np.clip((a - TRUST[0]) / (TRUST[1] - TRUST[0]), 0, 1)
     trust = trust * np.clip(10 * share - 9, 0, 1)[..., None]
     light = np.where(a > 0, trust * np.clip(own, 0, None) + (1 - trust) * a * filled, 0)
-    least = np.float32(CUT.shaded) * dim[..., None] * a * filled
-    return np.asarray(np.maximum(light, least), np.float32)
+    return np.asarray(np.maximum(light, lit[..., None] * a * filled), np.float32)
