@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.geometry.polygon import Outline
+from physgen.geometry.polygon import Disc, Outline
 from physgen.geometry.raster import coverage_box
 from physgen.geometry.shadows import PixelBox
 from physgen.maps import F32, U8, U16
@@ -78,6 +78,9 @@ class SpriteTuning:
     shared: float = 5.0  # px: how gently neighbours share what the photo shows between them
     unseen: float = 1e-4  # of linear light: less is no difference from the photo
     gap: int = 10  # px from an object up to which what is dark beside it may be another one's doing, too
+    rim: int = 4  # px inside an outline, where light changes with the depth: rounded edges
+    along: float = 8.0  # px: how gently that goes on along the outline
+    faces: float = 0.5  # cosine to the light, from which a gap keeps light from a border that would have it
     seen: float = 0.2
     """Of an object's mask that must lie apart from others, for their rims to be left out of what is continued."""
     covered: float = 0.2
@@ -332,7 +335,8 @@ def cut_sprites(
         touching, by = _nearest(others, none, CUT.gap), (others > 0) | absent[box]
         if k in hidden or (dilate(by, CUT.clean) & mine).any():
             part = hidden.get(k) or _Hidden(boxes[k + 1], labels[box], np.zeros_like(alpha), none, by)
-            light, alpha = _completed(photo[box], mine, light, alpha, coverage[box], part)
+            disc = k < len(shapes) and isinstance(shapes[k], Disc)
+            light, alpha = _completed(photo[box], mine, light, alpha, coverage[box], part, lit, disc)
         sprites.append(
             Sprite(
                 body=k,
@@ -423,17 +427,19 @@ def _hiding_last(order: Sequence[int], hidden: Mapping[int, _Hidden], layers: Se
 
 
 def _completed(
-    photo: F32, mask: Mask, light: F32, alpha: F32, together: F32, part: _Hidden
+    photo: F32, mask: Mask, light: F32, alpha: F32, together: F32, part: _Hidden, lit: F32, round_: bool
 ) -> tuple[F32, F32]:
     """Light (h, w, 3) and coverage (h, w) with the hidden part, and with a rim that others do not darken.
 
     The coverage is at most that of all objects, `together` (h, w). Shading goes on smoothly, texture is mirrored.
     """
-    sure = mask & ~dilate(part.by, CUT.clean + 1)
+    sure = mask & ~dilate(part.by, CUT.clean + 1) & (lit < CUT.faces)
     if np.count_nonzero(sure) < CUT.seen * np.count_nonzero(mask):
         sure = mask
     level = np.log(photo + np.float32(CUT.dark))
     smooth = harmonic_fill(level, ~sure)
+    if not round_:  # a ball's rim is known from its light
+        smooth += _rims(level, smooth, sure, mask | (part.shape >= 0.5))
     weight = sure.astype(np.float32)
     near = np.maximum(cv2.GaussianBlur(weight, (0, 0), CUT.texture), 1e-3)[..., None]
     even = cv2.GaussianBlur(level * weight[..., None], (0, 0), CUT.texture) / near
@@ -454,6 +460,22 @@ def _completed(
     cover = np.where(zone, np.maximum(alpha, np.minimum(edge, together)), alpha).astype(np.float32)
     anew = ((zone | (mask & dilate(part.by, CUT.clean))) & ~sure)[..., None]
     return np.asarray(np.where(anew, filled * cover[..., None], light), np.float32), cover
+
+
+def _rims(level: F32, smooth: F32, sure: Mask, whole: Mask) -> F32:
+    """(h, w, 3) what `smooth` lacks of the rim of a `whole` object (h, w), by what is `sure` at the same depth beside.
+
+    Rounded edges change the `level` of light with their depth, not along the outline.
+    """
+    depth = np.rint(cv2.distanceTransform(np.pad(whole, 1).astype(np.uint8), cv2.DIST_L2, 3)[1:-1, 1:-1])
+    inner, found = harmonic_fill(level, ~(sure & (depth > CUT.rim))), np.zeros_like(smooth)
+    for d in range(1, CUT.rim + 1):
+        there = ((depth == d) & sure).astype(np.float32)
+        near = cv2.GaussianBlur(there, (0, 0), CUT.along)[..., None]
+        rim = cv2.GaussianBlur((level - inner) * there[..., None], (0, 0), CUT.along) / np.maximum(near, 1e-6)
+        share = np.clip(5 * CUT.along * near, 0, 1)  # half a line that ends here is enough
+        found += np.where(((depth == d) & ~sure)[..., None], share * (inner + rim - smooth), 0)
+    return found
 
 
 def anchored(
