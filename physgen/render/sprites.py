@@ -438,8 +438,6 @@ def _completed(
         sure = mask
     level = np.log(photo + np.float32(CUT.dark))
     smooth = harmonic_fill(level, ~sure)
-    if not round_:  # a ball's rim is known from its light
-        smooth += _rims(level, smooth, sure, mask | (part.shape >= 0.5))
     weight = sure.astype(np.float32)
     near = np.maximum(cv2.GaussianBlur(weight, (0, 0), CUT.texture), 1e-3)[..., None]
     even = cv2.GaussianBlur(level * weight[..., None], (0, 0), CUT.texture) / near
@@ -454,6 +452,8 @@ def _completed(
     fine = np.where(sure[..., None], level - even, np.float32(0))
     most = CUT.glint * np.abs(fine[sure]).mean(axis=0)
     smooth = smooth + np.clip(fine, -most, most).astype(np.float32)[y, x]
+    if not round_:  # a ball's rim is known from its light
+        smooth += _rims(level, smooth, sure, mask | (part.shape >= 0.5))
     filled = np.maximum(np.exp(smooth) - np.float32(CUT.dark), 0)
     zone = dilate(part.hole, CUT.clean + 1)
     edge = np.clip(2 * _soft(mask | (part.shape >= 0.5)) - 0.5, 0, 1)
