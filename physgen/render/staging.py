@@ -20,6 +20,7 @@ from physgen.geometry.polygon import Array, Disc, Outline, Region, Ring, bounds
 from physgen.geometry.raster import coverage_box
 from physgen.geometry.shadows import F32, ShadowSetting, Silhouette
 from physgen.maps import U8, Percepts
+from physgen.perceive.inpaint.poisson import dilate, harmonic_fill
 from physgen.photometry import DistantLight, decode
 from physgen.render.ball import ball_from_photo, sphere_shading
 from physgen.render.occlusion import SUNK, ground_below, occluders, occlusions, silhouette
@@ -49,6 +50,7 @@ class StagingTuning:
     seen_top: float = 0.7  # px by which an object shows above and below its shape: less are ragged borders
     back: float = 0.8  # of what a top shows in the photo, that sides show: edges are rounded; by tune
     stray: float = 0.03  # share of a ball's pixels that may lie outside its circle
+    darkest: float = 2.0  # percentile of a ball's light: what is darker beside others is in their shade
     thread: float = 2.0  # px: how thick what hangs on a ball is
     steep: float = 0.25  # rise over run from which a boundary is no floor: shadows of a slope lie elsewhere
     joined: float = 9.0  # px between the ends of two boundaries that are one floor
@@ -401,17 +403,11 @@ def _parted(sprite: Sprite, body: Body) -> list[tuple[Sprite, bool]]:
     hangs = sprite.coverage[away > body.radius + 2].sum() > STAGING.stray * sprite.coverage.sum()
     # the thread lies beneath and reaches a pixel farther in, so that nothing shows through where they meet
     within = np.clip(body.radius + (1 if hangs else 2) - away, 0, 1).astype(np.float32)
-    if not hangs:  # what was taken for its border only
-        return [
-            (
-                replace(sprite, light=sprite.light * within[..., None], coverage=sprite.coverage * within),
-                False,
-            )
-        ]
     beyond = np.clip(away - body.radius + 1, 0, 1).astype(np.float32)
     return [
         (replace(sprite, light=sprite.light * part[..., None], coverage=sprite.coverage * part), loose)
         for part, loose in ((beyond, True), (within, False))
+        if hangs or not loose  # what was taken for its border only goes
     ]
 
 
@@ -423,6 +419,14 @@ def _skinned(sprite: Sprite, body: Body, light: DistantLight, view: View, before
     colour = np.where(alpha > 1e-3, sprite.light / np.maximum(alpha, 1e-3), 0).astype(np.float32)
     if before is not None:
         colour *= np.exp(before)[..., None]
+    sure, beside = sprite.coverage >= 1, None if sprite.hider is None else sprite.hider > 0
+    # from above, paints stand for rims
+    if view is View.SIDE and beside is not None and (free := sure & ~beside).any():
+        bright, level = colour.mean(axis=2), np.log(colour + np.float32(CUT.dark))
+        dark = beside & (bright < np.percentile(bright[free], STAGING.darkest))
+        gain = np.maximum(harmonic_fill(level, dilate(dark, CUT.clean) | ~sure) - level, 0)
+        gain = np.exp(np.where(beside[..., None], gain, 0)).astype(np.float32)
+        colour, sprite = colour * gain, replace(sprite, light=sprite.light * gain)
     return replace(sprite, ball=ball_from_photo(colour, sprite.corner, (x, y), body.radius, light, view))
 
 
