@@ -53,16 +53,11 @@ class ShadowSetting:
     """What light falls on, beside the objects."""
 
     light: DistantLight
-    softness: float
-    """degrees: half the width of the light as the objects see it."""
-    top: bool
-    """Seen from above: a table behind everything."""
-    tilt: float
-    """Side view: px by which a floor's point appears higher for each px that it lies farther back."""
-    backdrop: float
-    """Side view: px from the plane of motion back to an upright wall; infinite without."""
-    size: tuple[int, int]
-    """Width and height of the photo, px."""
+    softness: float  # degrees: half the width of the light as the objects see it
+    top: bool  # Seen from above: a table behind everything
+    tilt: float  # Side view: px by which a floor's point appears higher for each px that it lies farther back
+    backdrop: float  # Side view: px from the plane of motion back to an upright wall; infinite without
+    size: tuple[int, int]  # Width and height of the photo, px
 
     def direct(self, normal: tuple[float, float, float]) -> float:
         """Share of a surface's light that is direct."""
@@ -82,16 +77,11 @@ class ShadowSetting:
 class Silhouette:
     """An object as it stands now."""
 
-    coverage: F32
-    """(h, w) in 0..1."""
-    corner: tuple[int, int]
-    """Photo column and row of its first pixel."""
-    center: tuple[float, float]
-    """px."""
-    radius: float | None
-    """px, of a sphere; None for all others."""
-    thick: float
-    """px that it reaches through the plane of motion (side view), or above the table (top view)."""
+    coverage: F32  # (h, w) in 0..1
+    corner: tuple[int, int]  # Photo column and row of its first pixel
+    center: tuple[float, float]  # px
+    radius: float | None  # px, of a sphere; None for all others
+    thick: float  # px that it reaches through the plane of motion (side view), or above the table (top view)
     floor: float | None
     """Side view: the row, px, at which the floor below it is; None where nothing lies below."""
     ends: tuple[float, float] = (-inf, inf)  # the columns, px, between which that floor goes on
@@ -187,16 +177,11 @@ def blocked_by_ball(radius: float, setting: ShadowSetting, x: F32, y: F32 | floa
 class FloorContact:
     """The floor below an object, px."""
 
-    row: float
-    """Of the photo, where the plane of motion meets the floor."""
-    foot: float
-    """Row at which an object that stands there ends: its near edge, lower than `row`."""
-    half: float
-    """How far the object reaches to either side of the plane of motion."""
-    low: float
-    """Height of its lowest point over the floor."""
-    high: float
-    """And of its highest."""
+    row: float  # Of the photo, where the plane of motion meets the floor
+    foot: float  # Row at which an object that stands there ends: its near edge, lower than `row`
+    half: float  # How far the object reaches to either side of the plane of motion
+    low: float  # Height of its lowest point over the floor
+    high: float  # And of its highest
 
 
 def floor_contact(what: Silhouette, tilt: float) -> FloorContact | None:

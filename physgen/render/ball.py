@@ -73,12 +73,9 @@ def basis(u: F32, v: F32, z: F32) -> list[F32]:
 class Paints:
     """What a ball wears, and in what light."""
 
-    even: F32
-    """(8, 3) weights of `basis`: log of what each channel's light does beyond Lambert's law."""
-    colours: F32
-    """(K, 3) linear, in full light."""
-    between: float
-    """Share of pixels that are unlike all paints: few on a painted ball."""
+    even: F32  # (8, 3) weights of `basis`: log of what each channel's light does beyond Lambert's law
+    colours: F32  # (K, 3) linear, in full light
+    between: float  # Share of pixels that are unlike all paints: few on a painted ball
 
 
 def find_paints(bare: F32, u: F32, v: F32, z: F32, use: NDArray[np.bool_]) -> Paints | None:
@@ -184,13 +181,10 @@ NEAR_RIM = 0.75, 0.9
 class Ball:
     """What is seen of a sphere, on its sprite's box: of one that is cut or hidden, its centre may lie outside."""
 
-    corner: tuple[int, int]
-    """Photo column and row of the box's first pixel."""
-    center: tuple[float, float]
-    """px in the photo at t = 0."""
+    corner: tuple[int, int]  # Photo column and row of the box's first pixel
+    center: tuple[float, float]  # px in the photo at t = 0
     radius: float
-    skin: F32
-    """(h, w, 3) linear light over shading, carried outwards from the rim."""
+    skin: F32  # (h, w, 3) linear light over shading, carried outwards from the rim
     gloss: F32
     """(h, w, 3) linear, of either sign: highlights, and what skin and Lambert's law do not tell; it does not turn."""
     light: DistantLight

@@ -25,14 +25,10 @@ from physgen.render.stage import WARP_FLAGS, Placement, ShadowBody, Slices, Spri
 class OcclusionTuning:
     """Resolution and thresholds of shadows on other objects."""
 
-    cells: int = 16
-    """Of the grid on which a veil is worked out, about so many across the figure."""
-    stops: int = 4
-    """On the way through another object's thickness at which its silhouette is looked at."""
-    rim: float = 0.4
-    """Of a ball's normal towards the viewer, from which a veil is seen in full."""
-    faint: float = 0.01
-    """-log of light: what is less everywhere is no veil."""
+    cells: int = 16  # Of the grid on which a veil is worked out, about so many across the figure
+    stops: int = 4  # On the way through another object's thickness at which its silhouette is looked at
+    rim: float = 0.4  # Of a ball's normal towards the viewer, from which a veil is seen in full
+    faint: float = 0.01  # -log of light: what is less everywhere is no veil
 
 
 OCCLUSION = OcclusionTuning()

@@ -105,14 +105,10 @@ CUT = SpriteTuning()
 class Relief:
     """Shading of one object on its sprite's box, by how far it has turned: Lambert's law is linear in the light."""
 
-    along: F32
-    """(h, w): intensity x (n . l) in the picture's plane, over the photo's shading."""
-    across: F32
-    """(h, w): the same with the light turned by a quarter from +x to +y."""
-    fixed: F32
-    """(h, w): the same along the view, which no turn changes."""
-    even: F32
-    """(h, w): ambient light over the photo's shading."""
+    along: F32  # (h, w): intensity x (n . l) in the picture's plane, over the photo's shading.
+    across: F32  # (h, w): the same with the light turned by a quarter from +x to +y
+    fixed: F32  # (h, w): the same along the view, which no turn changes
+    even: F32  # (h, w): ambient light over the photo's shading
 
     def ratio(self, turn: float) -> F32:
         """(h, w) by which light is multiplied where the object has turned by `turn` rad."""
@@ -166,12 +162,9 @@ class Sides:
 
     first: float
     """Row of its sprite's box at which its front begins, below its top, as it stands in the photo."""
-    depth: float
-    """px by which its back appears higher than its front."""
-    colour: F32
-    """(3,) linear light of its top in the photo."""
-    light: DistantLight | None
-    """None: every side has that colour."""
+    depth: float  # px by which its back appears higher than its front
+    colour: F32  # (3,) linear light of its top in the photo
+    light: DistantLight | None  # None: every side has that colour
 
     def share(self, turn: float) -> float:
         """0..1: how far the sides stand for the top that the photo shows, of a block turned by `turn` rad."""
@@ -214,14 +207,10 @@ TRUST = (0.3, 0.8)
 class Sprite:
     """One object's pixels at t = 0."""
 
-    body: int
-    """Index into the world's bodies."""
-    corner: tuple[int, int]
-    """Photo column and row of the box's first pixel; may be negative."""
-    light: F32
-    """(h, w, 3) linear, multiplied by coverage."""
-    coverage: F32
-    """(h, w) in 0..1."""
+    body: int  # Index into the world's bodies
+    corner: tuple[int, int]  # Photo column and row of the box's first pixel; may be negative
+    light: F32  # (h, w, 3) linear, multiplied by coverage
+    coverage: F32  # (h, w) in 0..1
     rest: F32 | None = None
     """(h, w, 3) linear: what the photo shows here beyond light and background, at the border alone; of either sign."""
     halo: tuple[tuple[int, int], F32, NDArray[np.int32]] | None = None
@@ -353,16 +342,11 @@ def cut_sprites(
 class _Hidden:
     """A part of an object's shape that others hide in the photo."""
 
-    box: PixelBox
-    """x0, y0, x1, y1 px of the photo around mask and shape."""
-    labels: U16
-    """(h, w) of the photo."""
-    shape: F32
-    """(h, w) coverage."""
-    hole: Mask
-    """(h, w): hidden pixels."""
-    by: Mask
-    """(h, w): pixels of what hides it, or any other object."""
+    box: PixelBox  # x0, y0, x1, y1 px of the photo around mask and shape
+    labels: U16  # (h, w) of the photo
+    shape: F32  # (h, w) coverage
+    hole: Mask  # (h, w): hidden pixels
+    by: Mask  # (h, w): pixels of what hides it, or any other object
 
 
 def _hidden(labels: U16, absent: Mask, k: int, shape: Outline, box: PixelBox) -> _Hidden | None:

@@ -38,20 +38,13 @@ WARP_FLAGS = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
 class Placement:
     """Where a sprite falls on the canvas."""
 
-    box: Slices
-    """Rows and columns of the canvas."""
-    own: Slices | None = None
-    """At rest: the same on the sprite, whose pixels are then the photo's."""
-    matrix: Array | None = None
-    """(2, 3) Moved: pixel of the box -> pixel of the sprite."""
-    turn: float = 0.0
-    """rad by which the sprite's picture turns."""
-    space: Array | None = None
-    """(3, 3) A ball: how its skin has turned."""
-    shift: tuple[float, float] = (0.0, 0.0)
-    """px by which the centre has moved."""
-    border: Slices | None = None
-    """The box of the photo's own border pixels, where it is wider than `box`."""
+    box: Slices  # Rows and columns of the canvas
+    own: Slices | None = None  # At rest: the same on the sprite, whose pixels are then the photo's
+    matrix: Array | None = None  # (2, 3) Moved: pixel of the box -> pixel of the sprite
+    turn: float = 0.0  # rad by which the sprite's picture turns
+    space: Array | None = None  # (3, 3) A ball: how its skin has turned
+    shift: tuple[float, float] = (0.0, 0.0)  # px by which the centre has moved
+    border: Slices | None = None  # The box of the photo's own border pixels, where it is wider than `box`
 
 
 def place_sprite(
@@ -234,10 +227,8 @@ class Cover:
     """Where a body is in a picture, what hides it taken away."""
 
     body: int
-    box: Slices
-    """Rows and columns of the picture that hold it."""
-    mask: NDArray[np.bool_]
-    """(h, w) on its box."""
+    box: Slices  # Rows and columns of the picture that hold it
+    mask: NDArray[np.bool_]  # (h, w) on its box
 
 
 @dataclass(frozen=True)
@@ -245,12 +236,9 @@ class Frame:
     """One picture of the video."""
 
     index: int
-    time: float
-    """s."""
-    rgb: U8
-    """(H, W, 3) sRGB."""
-    named: Callable[[], U16] = field(repr=False, compare=False)
-    """Works out `ids`: few ask."""
+    time: float  # s
+    rgb: U8  # (H, W, 3) sRGB
+    named: Callable[[], U16] = field(repr=False, compare=False)  # Works out `ids`: few ask
     covering: Callable[[], Sequence[Cover]] = field(default=tuple, repr=False, compare=False)
     """Works out `covers`."""
     faces: Mapping[int, float] = field(default_factory=dict, repr=False, compare=False)
@@ -271,12 +259,9 @@ class Frame:
 class ShadowBody:
     """What light has to know of a body: as its silhouette, see `shadow.Silhouette`."""
 
-    radius: float | None
-    """px, of a sphere."""
-    thick: float
-    """px."""
-    veiled: float = 1.0
-    """Share of the shadows of others that is seen on it, 0..1."""
+    radius: float | None  # px, of a sphere
+    thick: float  # px
+    veiled: float = 1.0  # Share of the shadows of others that is seen on it, 0..1
 
 
 @dataclass(frozen=True)
@@ -287,18 +272,15 @@ class Stage:
     sprites: Sequence[Sprite]
     lit: LitBackground | None = None
     """Where shadows move: the background taken apart, with a cast for each sprite in turn."""
-    actors: Sequence[ShadowBody] = ()
-    """One a sprite, where there is `lit`."""
+    actors: Sequence[ShadowBody] = ()  # One a sprite, where there is `lit`
     grounds: Sequence[Array] = ()
     """Side view: (6,) px each, the two ends of what shadows fall on from above, and the columns where that goes on."""
     veils: Sequence[F32 | None] | None = None
     """One a sprite, on its box: -log of the light that the others leave on it at t = 0; None: none."""
-    supersample: int = 1
-    """Samples a pixel, along each side, of what moves."""
+    supersample: int = 1  # Samples a pixel, along each side, of what moves
     starts: Sequence[Pose] = ()
     """One a body: the pose in which its sprite was cut out, where some are put elsewhere; empty: as at t = 0."""
-    scale: float = 1.0
-    """Canvas pixels a photo pixel: a scene without a photo is drawn as large as it is seen."""
+    scale: float = 1.0  # Canvas pixels a photo pixel: a scene without a photo is drawn as large as it is seen
 
     @property
     def faces(self) -> Mapping[int, float]:
@@ -310,12 +292,10 @@ class Stage:
 class SpritePose:
     """How a sprite stands in a frame."""
 
-    k: int
-    """Index into the stage's sprites."""
+    k: int  # Index into the stage's sprites
     start: Pose
     pose: Pose
-    where: Placement | None
-    """None: out of the picture."""
+    where: Placement | None  # None: out of the picture
     space: Array | None = None
     """(3, 3) a ball's turn so far; None where it has none, or only the angle is known."""
 
