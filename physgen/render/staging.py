@@ -224,7 +224,8 @@ def lit_stage(
     ]
     veils: list[F32 | None] = [None] * len(parts)
     if scene.render.shadows and maps.clean is not None:  # shadows of this light were seen
-        thrown = occlusions(starts, occluders(starts, setting), setting)
+        near = occluders(starts, setting)
+        thrown = occlusions(starts, {k: near.get(k, []) for k in range(len(starts))}, setting)
         veils = [thrown.get(k) for k in range(len(starts))]
         seen = [
             seen_share(sprite, actor, start, before, light)
