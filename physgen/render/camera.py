@@ -132,11 +132,9 @@ MOST_DRAWN = 16_000_000
 class Aim:
     """A view that the camera reaches at a time."""
 
-    time: float
-    """s."""
+    time: float  # s
     zoom: float
-    way: Array
-    """(T, 2) px: its centre at the samples' times; (1, 2) where it stays."""
+    way: Array  # (T, 2) px: its centre at the samples' times; (1, 2) where it stays
 
 
 @dataclass(frozen=True)
@@ -144,14 +142,10 @@ class Shot:
     """How a clip is filmed and played."""
 
     photo: Size
-    video: Size
-    """px of the frames."""
-    times: Array
-    """(T,) s of the samples."""
-    aims: tuple[Aim, ...]
-    """In the order of their times; at least one."""
-    order: tuple[int, ...]
-    """The sample of every frame."""
+    video: Size  # px of the frames
+    times: Array  # (T,) s of the samples
+    aims: tuple[Aim, ...]  # In the order of their times; at least one
+    order: tuple[int, ...]  # The sample of every frame
 
     def affine(self, time: float) -> Array:
         """(2, 3): photo px -> video px of a frame at `time` (s of the motion, `Frame.time`); pixel centres are whole.

@@ -167,10 +167,8 @@ class Picture:
 
     stand: SpritePose
     where: Placement
-    light: F32
-    """(h, w, 3) linear, times coverage."""
-    coverage: F32
-    """(h, w)."""
+    light: F32  # (h, w, 3) linear, times coverage
+    coverage: F32  # (h, w)
     rest: tuple[Slices, F32] | None
     """A box and (h, w, 3) what the photo shows there beyond light and background; as bright as the background is."""
     factor: F32 | None = None  # (h, w) by which `light` was multiplied for the shadows of others

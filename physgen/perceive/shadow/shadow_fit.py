@@ -152,8 +152,7 @@ class LightFit:
     setting: ShadowSetting
     likeness: float  # Correlation of predicted and seen slopes
     factor: float  # Seen over predicted darkness, as a logarithm
-    each: float = 1.0
-    """The same where the shadows of objects side by side are added up."""
+    each: float = 1.0  # The same where the shadows of objects side by side are added up
 
 
 def search_light(gradients: Sequence[LightGradients], guess: LightGuess) -> tuple[int, LightFit]:
@@ -304,12 +303,9 @@ class WallShadow:
 
     shift: tuple[float, float]  # From an object to its shadow, in the middle of the photo
     size: float  # Of shadow to object, about the middle of the photo
-    likeness: float = 0.0
-    """Correlation of slopes along the outlines."""
-    factor: float = 0.0
-    """-log of the light that is left."""
-    soft: float = 0.0
-    """px, standard deviation of the shadows' edges."""
+    likeness: float = 0.0  # Correlation of slopes along the outlines
+    factor: float = 0.0  # -log of the light that is left
+    soft: float = 0.0  # px, standard deviation of the shadows' edges
 
     def convincing(self, count: int) -> bool:
         """One round object finds a round patch almost anywhere; several must find theirs all at once."""
