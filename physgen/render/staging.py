@@ -25,7 +25,17 @@ from physgen.photometry import DistantLight, decode
 from physgen.render.ball import ball_from_photo, sphere_shading
 from physgen.render.occlusion import SUNK, ground_below, occluders, occlusions, silhouette
 from physgen.render.shadow_decomposition import decompose_shadows
-from physgen.render.sprites import CUT, MARGIN, Mask, Sides, Sprite, anchored, relief_of
+from physgen.render.sprites import (
+    CUT,
+    MARGIN,
+    MOST_RELIGHTING,
+    Mask,
+    Relief,
+    Sides,
+    Sprite,
+    anchored,
+    relief_of,
+)
 from physgen.render.stage import Frame, ShadowBody, Stage, three_channels
 from physgen.scene.scene import Scene, Solid, View
 
@@ -249,6 +259,8 @@ def lit_stage(
         ]
         if maps.normals is not None:
             sprites = [_relieved(sprite, maps.normals, light) for sprite in sprites]
+        elif top:
+            sprites = [_turned_disc(sprite, world.bodies[sprite.body]) for sprite in sprites]
     if not scene.render.shadows:
         return Stage(background, anchored(sprites, decode(maps.rgb), decode(background), absent))
     rounds = [world.bodies[s.body].radius is not None and not loose for s, loose in parts]
@@ -445,3 +457,27 @@ def _relieved(sprite: Sprite, normals: F32, light: DistantLight) -> Sprite:
     own[there] = normals[here]
     known[there] = sprite.coverage[there] > 0.7
     return replace(sprite, relief=relief_of(own, known, light))
+
+
+def _turned_disc(sprite: Sprite, body: Body) -> Sprite:
+    """A disc seen from above, round about its middle: what changes once around, at any radius, is light and stays."""
+    if body.radius is None or sprite.ball is not None:
+        return sprite
+    rows, columns = np.indices(sprite.coverage.shape)
+    x, y = columns + sprite.corner[0] - body.center[0], rows + sprite.corner[1] - body.center[1]
+    away = np.maximum(np.hypot(x, y), 1.0)
+    c, s, ring = x / away, y / away, np.minimum(away, body.radius - 2).astype(int)
+    bright, sure = sprite.light.mean(axis=2), (sprite.coverage >= 1) & (away < body.radius)
+    sums = [
+        np.bincount(ring[sure], (bright * part)[sure], ring.max() + 1)
+        for part in (np.ones_like(c), 2 * c, 2 * s)
+    ]
+    count = np.maximum(np.bincount(ring[sure], minlength=ring.max() + 1), 1)
+    even, along, across = (cv2.GaussianBlur(part / count, (0, 0), 1.0).ravel()[ring] for part in sums)
+    even = np.maximum(even, CUT.dark)
+    first, second = (along * c + across * s) / even, (along * s - across * c) / even
+    model = np.maximum(1 + first, 1 / MOST_RELIGHTING)
+    fields = [
+        np.asarray(part / model, np.float32) for part in (first, second, np.ones_like(c), np.zeros_like(c))
+    ]
+    return replace(sprite, relief=Relief(*fields))
