@@ -461,12 +461,12 @@ def _relieved(sprite: Sprite, normals: F32, light: DistantLight) -> Sprite:
 
 def _turned_disc(sprite: Sprite, body: Body) -> Sprite:
     """A disc seen from above, round about its middle: what changes once around, at any radius, is light and stays."""
-    if body.radius is None or sprite.ball is not None:
+    if body.radius is None or body.solid is Solid.SPHERE:
         return sprite
     rows, columns = np.indices(sprite.coverage.shape)
     x, y = columns + sprite.corner[0] - body.center[0], rows + sprite.corner[1] - body.center[1]
     away = np.maximum(np.hypot(x, y), 1.0)
-    c, s, ring = x / away, y / away, np.minimum(away, body.radius - 2).astype(int)
+    c, s, ring = x / away, y / away, np.minimum(away, max(body.radius - 2, 0)).astype(int)
     bright, sure = sprite.light.mean(axis=2), (sprite.coverage >= 1) & (away < body.radius)
     sums = [
         np.bincount(ring[sure], (bright * part)[sure], ring.max() + 1)
