@@ -280,14 +280,13 @@ def cut_sprites(
     absent: Mask,
     coverage: F32,
     background: U8,
-    order: Sequence[int],
+    order: Mapping[int, int],
     shapes: Sequence[Outline] = (),
-    layers: Sequence[int] = (),
     toward: tuple[float, float, float] = (0.0, 0.0, 1.0),
 ) -> list[Sprite]:
     """Sprites in drawing order, the farthest first; what others hide of their `shapes`, one a body, is completed.
 
-    Where `layers`, one a body, differ, the larger is in front, whatever seems hidden.
+    `order` has bodies and their layers in turn: where these differ, the larger is in front, whatever seems hidden.
     `rgb`, `background` (H, W, 3) sRGB; `labels` (H, W), id k + 1 is body k; `absent` (H, W): objects of the photo that
     the scene leaves out, which vanish; `coverage` (H, W) of all objects together, absent ones too. None is `anchored`.
     Borders that narrow gaps keep dark are lit by a light that is `toward`, as they would be without the gap.
@@ -301,11 +300,11 @@ def cut_sprites(
     for k, shape in enumerate(shapes):
         if k + 1 in boxes and (part := _hidden(labels, absent, k, shape, boxes[k + 1])) is not None:
             hidden[k], boxes[k + 1] = part, part.box
-    order = _hiding_last(order, hidden, layers or [0] * len(shapes))
+    drawn = _hiding_last(order, hidden)
     total, crisp_total = (_soft((labels > 0) | absent, sigma) for sigma in (CUT.blur, CUT.crisp))
     around = ((MARGIN, MARGIN), (MARGIN, MARGIN))
     sprites = []
-    for k in order:
+    for k in drawn:
         if k + 1 not in boxes:
             continue
         x0, y0, x1, y1 = boxes[k + 1]
@@ -389,7 +388,7 @@ def _beside(own: Mask, by: Mask) -> tuple[Mask, Mask]:
     return sides[0], sides[1]
 
 
-def _hiding_last(order: Sequence[int], hidden: Mapping[int, _Hidden], layers: Sequence[int]) -> list[int]:
+def _hiding_last(order: Mapping[int, int], hidden: Mapping[int, _Hidden]) -> list[int]:
     """The drawing order, changed within a layer so that what hides another object is drawn after it.
 
     Pixels of what hides nothing leave the `hole`: what is in a farther layer, and of two that hide parts of each other
@@ -398,7 +397,7 @@ def _hiding_last(order: Sequence[int], hidden: Mapping[int, _Hidden], layers: Se
     seen = {(k, j): int((h.labels[h.hole] == j + 1).sum()) for k, h in hidden.items() for j in order}
     before: dict[int, set[int]] = {k: set() for k in order}
     for k, by in sorted((pair for pair in seen if seen[pair]), key=seen.__getitem__, reverse=True):
-        if by in before[k] or layers[by] < layers[k]:
+        if by in before[k] or order[by] < order[k]:
             hidden[k].hole[hidden[k].labels == by + 1] = False
         else:
             for other in order:

@@ -27,8 +27,6 @@ FAINT = 0.02
 """Share of a halo that nobody sees."""
 FADE = 3.0
 """px of motion over which the photo's own border pixels give way to the object's clean ones."""
-GONE = 1e9
-"""px, of what is not in the picture."""
 SPREAD = 1.5
 """px beyond its pixels that a warped picture may reach."""
 WARP_FLAGS = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
@@ -163,7 +161,7 @@ def borders_left(sprites: Sequence[Sprite], there: Sequence[SpritePose]) -> NDAr
 
     It goes as the two part, however both have moved; 0: what is their own, which goes as they leave their place.
     """
-    shifts = np.full((max((sprite.hiders for sprite in sprites), default=0) + 1, 3), GONE)
+    shifts = np.full((max((sprite.hiders for sprite in sprites), default=0) + 1, 3), np.inf)
     shifts[0] = 0
     own = np.zeros((len(there), 3))
     for shift, at in zip(own, there, strict=True):
