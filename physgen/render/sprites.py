@@ -80,6 +80,7 @@ class SpriteTuning:
     gap: int = 10  # px from an object up to which what is dark beside it may be another one's doing, too
     rim: int = 4  # px inside an outline, where light changes with the depth: rounded edges
     along: float = 8.0  # px: how gently that goes on along the outline
+    rough: float = 0.2  # of log light: error that a fill may leave which only shades
     faces: float = 0.5  # cosine to the light, from which a gap keeps light from a border that would have it
     seen: float = 0.2
     """Of an object's mask that must lie apart from others, for their rims to be left out of what is continued."""
@@ -451,7 +452,7 @@ def _rims(level: F32, smooth: F32, sure: Mask, whole: Mask) -> F32:
     Rounded edges change the `level` of light with their depth, not along the outline.
     """
     depth = np.rint(cv2.distanceTransform(np.pad(whole, 1).astype(np.uint8), cv2.DIST_L2, 3)[1:-1, 1:-1])
-    inner, found = harmonic_fill(level, ~(sure & (depth > CUT.rim))), np.zeros_like(smooth)
+    inner, found = harmonic_fill(level, ~(sure & (depth > CUT.rim)), CUT.rough), np.zeros_like(smooth)
     for d in range(1, CUT.rim + 1):
         there = ((depth == d) & sure).astype(np.float32)
         near = cv2.GaussianBlur(there, (0, 0), CUT.along)[..., None]

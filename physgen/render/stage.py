@@ -163,13 +163,17 @@ def borders_left(sprites: Sequence[Sprite], there: Sequence[SpritePose]) -> NDAr
     """
     shifts = np.full((max((sprite.hiders for sprite in sprites), default=0) + 1, 3), np.inf)
     shifts[0] = 0
-    own = np.zeros((len(there), 3))
-    for shift, at in zip(own, there, strict=True):
-        shift[:] = np.subtract(at.pose, at.start)
-        shift[2] *= sprites[at.k].ball is None  # its picture never turns
-        shifts[sprites[at.k].body + 1] = shift
+    seen = [sprites[at.k] for at in there]
+    turns = [
+        0.0 if sprite.ball else at.pose.angle - at.start.angle for at, sprite in zip(there, seen, strict=True)
+    ]
+    moves = [
+        (at.pose.x - at.start.x, at.pose.y - at.start.y, turn) for at, turn in zip(there, turns, strict=True)
+    ]
+    own = np.array(moves).reshape(-1, 3)
+    shifts[[sprite.body + 1 for sprite in seen]] = own
     far = np.abs(own[:, None] - shifts)
-    far[..., 2] *= np.array([max(sprites[at.k].coverage.shape) / 2 for at in there])[:, None]
+    far[..., 2] *= np.array([max(sprite.coverage.shape) / 2 for sprite in seen])[:, None]
     return np.asarray(np.maximum(1 - far.max(axis=2) / FADE, 0), np.float32)
 
 

@@ -437,7 +437,7 @@ def _skinned(sprite: Sprite, body: Body, light: DistantLight, view: View, before
     if view is View.SIDE and beside is not None and (free := sure & ~beside).any():
         bright, level = colour.mean(axis=2), np.log(colour + np.float32(CUT.dark))
         dark = beside & (bright < np.percentile(bright[free], STAGING.darkest))
-        gain = np.maximum(harmonic_fill(level, dilate(dark, CUT.clean) | ~sure) - level, 0)
+        gain = np.maximum(harmonic_fill(level, dilate(dark, CUT.clean) | ~sure, CUT.rough) - level, 0)
         gain = np.exp(np.where(beside[..., None], gain, 0)).astype(np.float32)
         colour, sprite = colour * gain, replace(sprite, light=sprite.light * gain)
     return replace(sprite, ball=ball_from_photo(colour, sprite.corner, (x, y), body.radius, light, view))
