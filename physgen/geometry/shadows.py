@@ -54,8 +54,7 @@ class ShadowSetting:
     light: DistantLight
     softness: float  # degrees: half the width of the light as the objects see it
     top: bool  # seen from above: a table behind everything
-    tilt: float
-    """Side view: px by which a floor's point appears higher for each px that it lies farther back."""
+    tilt: float  # side view: px by which a floor's point appears higher for each px that it lies farther back
     backdrop: float  # side view: px from the plane of motion back to an upright wall; infinite without
     size: tuple[int, int]  # width and height of the photo, px
     lacking: float = 1.0  # share of the direct light that shadows lack: some comes back from other surfaces

@@ -68,16 +68,12 @@ MOTION_BLUR = 0.5
 class Names:
     """Labels and names of the objects, by id."""
 
-    objects: Sequence[PhotoObject]
-    """With their labels."""
+    objects: Sequence[PhotoObject]  # with their labels
     labels: Mapping[int, Name]
-    sources: Mapping[int, str]
-    """Sources of the labels, for `from`; `""` where they are the user's."""
+    sources: Mapping[int, str]  # sources of the labels, for `from`; `""` where they are the user's
     confidence: Mapping[int, float]
-    before: Mapping[int, str]
-    """Names without the user's new labels."""
-    renamed: set[int]
-    """Ids of objects that the user gave a new label."""
+    before: Mapping[int, str]  # names without the user's new labels
+    renamed: set[int]  # ids of objects that the user gave a new label
 
 
 def slug(label: str) -> str:

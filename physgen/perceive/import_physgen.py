@@ -74,19 +74,14 @@ class Body:
     """One entry of `obj_info`."""
 
     label: str
-    primitive: str
-    """"circle", or "polygon": that of its mask."""
-    mass: float
-    """g, of circles."""
-    density: float
-    """g/px², of polygons."""
+    primitive: str  # "circle", or "polygon": that of its mask
+    mass: float  # g, of circles
+    density: float  # g/px², of polygons
     friction: float
     elasticity: float
     place: Place
-    velocity: Vector | None
-    """px/s."""
-    push: Vector | None
-    """`init_acc`, a change of velocity, px/s."""
+    velocity: Vector | None  # px/s
+    push: Vector | None  # `init_acc`, a change of velocity, px/s
 
     @property
     def circle(self) -> bool:
@@ -98,18 +93,14 @@ class Body:
 class Sim:
     """The content of sim.yaml, with that code's defaults."""
 
-    gravity: float
-    """px/s² down; 0 seen from above."""
-    num_steps: float
-    """of 1/60 s."""
+    gravity: float  # px/s² down; 0 seen from above
+    num_steps: float  # of 1/60 s
     animation_frames: float
     ground_friction: float
     ground_elasticity: float
     denoise_strength: float | None
-    bodies: dict[int, Body]
-    """By id in mask.png."""
-    edges: list[tuple[Vector, Vector]]
-    """px."""
+    bodies: dict[int, Body]  # by id in mask.png
+    edges: list[tuple[Vector, Vector]]  # px
     warnings: tuple[Problem, ...]
 
     @property

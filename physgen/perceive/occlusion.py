@@ -47,8 +47,7 @@ class OcclusionOrder:
 
     front: int
     behind: int
-    confidence: float
-    """0..1."""
+    confidence: float  # 0..1
 
 
 def occlusion_orders(labels: Labels, ids: Sequence[int]) -> list[OcclusionOrder]:

@@ -42,10 +42,8 @@ class RefreshStart:
     """The objects that perception starts from, and what became of those in the scene, by name."""
 
     found: Detections
-    prompted: frozenset[str]
-    """Objects whose pixels a prompt of the scene, or a new one, gives."""
-    gone: tuple[str, ...]
-    """Objects that a new prompt took in."""
+    prompted: frozenset[str]  # objects whose pixels a prompt of the scene, or a new one, gives
+    gone: tuple[str, ...]  # objects that a new prompt took in
 
 
 def start_refresh(

@@ -181,12 +181,12 @@ def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
     begin = photo_poses(compiled.world)
     world = world_in_photo(compiled.world)
     layers = [item.layer for item in scene.objects]
-    order = sorted(range(len(layers)), key=layers.__getitem__)
+    order = {k: layers[k] for k in sorted(range(len(layers)), key=layers.__getitem__)}
     fine = scene.render.supersample
     if maps is None:
         large = canvas_scale(scene)
         world, outlines = enlarged_world(world, compiled.outlines, large)
-        sprites = flat_sprites(world, outlines, order, large)
+        sprites = flat_sprites(world, outlines, list(order), large)
         return Stage(flat_background(world, large), sprites, supersample=fine, scale=large)
     coverage, background = filled(maps, compiled.labels, compiled.scenery)
     doubtful = [one["mask"] for one in scene.document.get("doubtful", {}).values()]
@@ -194,7 +194,8 @@ def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
     absent = (maps.cut_out > 0) & (compiled.labels == 0) & ~compiled.scenery & ~np.isin(maps.labels, doubtful)
     with single_threaded():
         shapes = compiled.shapes.outlines
-        sprites = cut_sprites(maps.rgb, compiled.labels, absent, coverage, background, order, shapes, layers)
+        toward = (0.0, 0.0, 1.0) if scene.light is None else scene.light.direction
+        sprites = cut_sprites(maps.rgb, compiled.labels, absent, coverage, background, order, shapes, toward)
         made = lit_stage(scene, world, sprites, maps, background, coverage, absent)
     return replace(made, supersample=fine, starts=begin)
 

@@ -32,6 +32,7 @@ from physgen.render.stage import (
     Slices,
     SpritePose,
     Stage,
+    borders_left,
     draw_border,
     draw_halo,
     draw_sprite,
@@ -426,11 +427,8 @@ def _pictures(stage: Stage, balls: BallSprites, stands: Sequence[SpritePose]) ->
     """What the picture shows of sprites as they stand, the farthest first."""
     there = [(stand, stand.where) for stand in stands if stand.where is not None]
     together = balls.drawn(((stand.k, where) for stand, where in there), stage.supersample)
-    left = np.zeros(max((sprite.hiders for sprite in stage.sprites), default=0) + 1, np.float32)
-    for stand, where in there:
-        left[stage.sprites[stand.k].body + 1] = 1 if where.own is not None else where.rest
-    left[0] = 1
-    for stand, where in there:
+    borders = borders_left(stage.sprites, [stand for stand, _ in there])
+    for (stand, where), left in zip(there, borders, strict=True):
         sprite = stage.sprites[stand.k]
         light, coverage = together.get(stand.k) or draw_sprite(sprite, where, stage.supersample)
         yield Picture(stand, where, light, coverage, draw_border(sprite, where, left))

@@ -28,6 +28,8 @@ class OcclusionTuning:
     cells: int = 16  # of the grid on which a veil is worked out, about so many across the figure
     stops: int = 4  # On the way through another object's thickness at which its silhouette is looked at
     rim: float = 0.4  # of a ball's normal towards the viewer, from which a veil is seen in full
+    floor: float = 1.0  # -log of light that a floor keeps from a ball where they touch; by tune
+    near: float = 0.09  # of a ball's radius: the height over a floor in which that falls to a third; by tune
     faint: float = 0.01  # -log of light: what is less everywhere is no veil
 
 
@@ -95,6 +97,8 @@ def occlusions(
 
 def occlusion_of(onto: Silhouette, others: Sequence[Silhouette], setting: ShadowSetting) -> F32 | None:
     """(h, w) -log of the light that `others` leave on the face of `onto`, on its box; None where that is all."""
+    if not others and (onto.radius is None or onto.floor is None):
+        return None
     h, w = onto.coverage.shape
     step = _step(onto)
     kind: Any = np.float64 if all(one.radius is not None for one in (onto, *others)) else np.float32
@@ -124,6 +128,9 @@ def occlusion_of(onto: Silhouette, others: Sequence[Silhouette], setting: Shadow
         blocked = _behind_slab(other, *points, setting) if other.radius is None else next(behind)
         left *= 1 - np.float32(MOST_BLOCKED) * direct * blocked
     dark = _seen(left, z)
+    if onto.radius and onto.floor is not None:  # a floor close below lies in the ball's own shadow
+        height = np.maximum(onto.floor - y, 0) / np.float32(onto.radius)
+        dark = dark + OCCLUSION.floor * np.clip(v, 0, 1) ** 2 * np.exp(-height / OCCLUSION.near)
     if dark.max() < OCCLUSION.faint:
         return None
     size = (dark.shape[1] * step, dark.shape[0] * step)
@@ -274,7 +281,7 @@ def occlusion_factors(
         if moved[k] or stage.veils[stand.k] is not None or moved[near.get(k, [])].any()
     ]
     shares = {k: stage.actors[stands[k].k].veiled for k in asked}
-    today = occlusions(there, {k: near[k] for k in asked if shares[k] and k in near}, stage.lit.setting)
+    today = occlusions(there, {k: near.get(k, []) for k in asked if shares[k]}, stage.lit.setting)
     found: dict[int, F32] = {}
     for k in asked:
         stand, now = stands[k], today.get(k)

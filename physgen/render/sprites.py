@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.geometry.polygon import Outline
+from physgen.geometry.polygon import Disc, Outline
 from physgen.geometry.raster import coverage_box
 from physgen.geometry.shadows import PixelBox
 from physgen.maps import F32, U8, U16
@@ -77,8 +77,11 @@ class SpriteTuning:
     halo: float = 40 / 512  # of the photo's longer side: how far around an object its blurred rim may reach
     shared: float = 5.0  # px: how gently neighbours share what the photo shows between them
     unseen: float = 1e-4  # of linear light: less is no difference from the photo
-    touching: int = 4  # px from an object's pixels up to which another one touches it
     gap: int = 10  # px from an object up to which what is dark beside it may be another one's doing, too
+    rim: int = 4  # px inside an outline, where light changes with the depth: rounded edges
+    along: float = 8.0  # px: how gently that goes on along the outline
+    rough: float = 0.2  # of log light: error that a fill may leave which only shades
+    faces: float = 0.5  # cosine to the light, from which a gap keeps light from a border that would have it
     seen: float = 0.2
     """Of an object's mask that must lie apart from others, for their rims to be left out of what is continued."""
     covered: float = 0.2
@@ -244,6 +247,11 @@ class Sprite:
         return max([self.body + 1, *(int(near.max()) for near in beside if near is not None)])
 
     @cached_property
+    def beside(self) -> NDArray[np.int32]:
+        """(n,) all that is in `hider`, 0 where there is none."""
+        return np.zeros(1, np.int32) if self.hider is None else np.unique(self.hider)
+
+    @cached_property
     def fine(self) -> F32:
         """(2h - 1, 2w - 1, 4): light and coverage at every half pixel, for warps.
 
@@ -272,27 +280,31 @@ def cut_sprites(
     absent: Mask,
     coverage: F32,
     background: U8,
-    order: Sequence[int],
+    order: Mapping[int, int],
     shapes: Sequence[Outline] = (),
-    layers: Sequence[int] = (),
+    toward: tuple[float, float, float] = (0.0, 0.0, 1.0),
 ) -> list[Sprite]:
     """Sprites in drawing order, the farthest first; what others hide of their `shapes`, one a body, is completed.
 
-    Where `layers`, one a body, differ, the larger is in front, whatever seems hidden.
+    `order` has bodies and their layers in turn: where these differ, the larger is in front, whatever seems hidden.
     `rgb`, `background` (H, W, 3) sRGB; `labels` (H, W), id k + 1 is body k; `absent` (H, W): objects of the photo that
     the scene leaves out, which vanish; `coverage` (H, W) of all objects together, absent ones too. None is `anchored`.
+    Borders that narrow gaps keep dark are lit by a light that is `toward`, as they would be without the gap.
     """
     photo, behind = decode(rgb), decode(background)
+    taken, square = ((labels > 0) | absent).astype(np.uint8), np.ones((CUT.gap + 1,) * 2, np.uint8)
+    closed = cv2.morphologyEx(taken, cv2.MORPH_CLOSE, square, borderType=cv2.BORDER_REPLICATE)
+    dim = dilate(closed > taken, CUT.clean + 1)  # gaps too narrow for light, and borders beside them
     boxes = _boxes(labels)
     hidden = {}
     for k, shape in enumerate(shapes):
         if k + 1 in boxes and (part := _hidden(labels, absent, k, shape, boxes[k + 1])) is not None:
             hidden[k], boxes[k + 1] = part, part.box
-    order = _hiding_last(order, hidden, layers or [0] * len(shapes))
+    drawn = _hiding_last(order, hidden)
     total, crisp_total = (_soft((labels > 0) | absent, sigma) for sigma in (CUT.blur, CUT.crisp))
     around = ((MARGIN, MARGIN), (MARGIN, MARGIN))
     sprites = []
-    for k in order:
+    for k in drawn:
         if k + 1 not in boxes:
             continue
         x0, y0, x1, y1 = boxes[k + 1]
@@ -302,13 +314,17 @@ def cut_sprites(
         share: F32 = np.asarray(shared, np.float32)
         alpha = np.where(soft > CUT.least, coverage[box] * share, 0.0).astype(np.float32)
         alpha[(labels[box] == k + 1) & (alpha > 0.995)] = 1.0
-        light = _foreground(photo[box], behind[box], labels[box] == k + 1, alpha, share)
         mine, none = labels[box] == k + 1, np.zeros(alpha.shape, np.bool_)
+        down, right = np.gradient(_soft(mine, CUT.clean))
+        facing = -(toward[0] * right + toward[1] * down) / np.maximum(np.hypot(right, down), 1e-6)
+        disc = k < len(shapes) and isinstance(shapes[k], Disc)  # `ball` tells light from shade
+        lit = np.where(dim[box] & (not disc), np.maximum(facing, 0), 0).astype(np.float32)
+        light = _foreground(photo[box], behind[box], mine, alpha, share, lit)
         others = np.where(mine, 0, labels[box]).astype(np.int32)
-        touching, by = _nearest(others, none, CUT.touching), (others > 0) | absent[box]
+        touching, by = _nearest(others, none, CUT.gap), (others > 0) | absent[box]
         if k in hidden or (dilate(by, CUT.clean) & mine).any():
             part = hidden.get(k) or _Hidden(boxes[k + 1], labels[box], np.zeros_like(alpha), none, by)
-            light, alpha = _completed(photo[box], mine, light, alpha, coverage[box], part)
+            light, alpha = _completed(photo[box], mine, light, alpha, coverage[box], part, lit, disc)
         sprites.append(
             Sprite(
                 body=k,
@@ -372,7 +388,7 @@ def _beside(own: Mask, by: Mask) -> tuple[Mask, Mask]:
     return sides[0], sides[1]
 
 
-def _hiding_last(order: Sequence[int], hidden: Mapping[int, _Hidden], layers: Sequence[int]) -> list[int]:
+def _hiding_last(order: Mapping[int, int], hidden: Mapping[int, _Hidden]) -> list[int]:
     """The drawing order, changed within a layer so that what hides another object is drawn after it.
 
     Pixels of what hides nothing leave the `hole`: what is in a farther layer, and of two that hide parts of each other
@@ -381,7 +397,7 @@ def _hiding_last(order: Sequence[int], hidden: Mapping[int, _Hidden], layers: Se
     seen = {(k, j): int((h.labels[h.hole] == j + 1).sum()) for k, h in hidden.items() for j in order}
     before: dict[int, set[int]] = {k: set() for k in order}
     for k, by in sorted((pair for pair in seen if seen[pair]), key=seen.__getitem__, reverse=True):
-        if by in before[k] or layers[by] < layers[k]:
+        if by in before[k] or order[by] < order[k]:
             hidden[k].hole[hidden[k].labels == by + 1] = False
         else:
             for other in order:
@@ -394,13 +410,13 @@ def _hiding_last(order: Sequence[int], hidden: Mapping[int, _Hidden], layers: Se
 
 
 def _completed(
-    photo: F32, mask: Mask, light: F32, alpha: F32, together: F32, part: _Hidden
+    photo: F32, mask: Mask, light: F32, alpha: F32, together: F32, part: _Hidden, lit: F32, round_: bool
 ) -> tuple[F32, F32]:
     """Light (h, w, 3) and coverage (h, w) with the hidden part, and with a rim that others do not darken.
 
     The coverage is at most that of all objects, `together` (h, w). Shading goes on smoothly, texture is mirrored.
     """
-    sure = mask & ~dilate(part.by, CUT.clean + 1)
+    sure = mask & ~dilate(part.by, CUT.clean + 1) & (lit < CUT.faces)
     if np.count_nonzero(sure) < CUT.seen * np.count_nonzero(mask):
         sure = mask
     level = np.log(photo + np.float32(CUT.dark))
@@ -419,12 +435,30 @@ def _completed(
     fine = np.where(sure[..., None], level - even, np.float32(0))
     most = CUT.glint * np.abs(fine[sure]).mean(axis=0)
     smooth = smooth + np.clip(fine, -most, most).astype(np.float32)[y, x]
+    if not round_:  # a ball's rim is known from its light
+        smooth += _rims(level, smooth, sure, mask | (part.shape >= 0.5))
     filled = np.maximum(np.exp(smooth) - np.float32(CUT.dark), 0)
     zone = dilate(part.hole, CUT.clean + 1)
     edge = np.clip(2 * _soft(mask | (part.shape >= 0.5)) - 0.5, 0, 1)
     cover = np.where(zone, np.maximum(alpha, np.minimum(edge, together)), alpha).astype(np.float32)
     anew = ((zone | (mask & dilate(part.by, CUT.clean))) & ~sure)[..., None]
     return np.asarray(np.where(anew, filled * cover[..., None], light), np.float32), cover
+
+
+def _rims(level: F32, smooth: F32, sure: Mask, whole: Mask) -> F32:
+    """(h, w, 3) what `smooth` lacks of the rim of a `whole` object (h, w), by what is `sure` at the same depth beside.
+
+    Rounded edges change the `level` of light with their depth, not along the outline.
+    """
+    depth = np.rint(cv2.distanceTransform(np.pad(whole, 1).astype(np.uint8), cv2.DIST_L2, 3)[1:-1, 1:-1])
+    inner, found = harmonic_fill(level, ~(sure & (depth > CUT.rim)), CUT.rough), np.zeros_like(smooth)
+    for d in range(1, CUT.rim + 1):
+        there = ((depth == d) & sure).astype(np.float32)
+        near = cv2.GaussianBlur(there, (0, 0), CUT.along)[..., None]
+        rim = cv2.GaussianBlur((level - inner) * there[..., None], (0, 0), CUT.along) / np.maximum(near, 1e-6)
+        share = np.clip(5 * CUT.along * near, 0, 1)  # half a line that ends here is enough
+        found += np.where(((depth == d) & ~sure)[..., None], share * (inner + rim - smooth), 0)
+    return found
 
 
 def anchored(
@@ -529,14 +563,14 @@ def _boxes(labels: U16) -> dict[int, tuple[int, int, int, int]]:
     return {k: (max(x0, 0), max(y0, 0), min(x1, width), min(y1, height)) for k, x0, y0, x1, y1 in boxes}
 
 
-def _foreground(photo: F32, behind: F32, mask: Mask, alpha: F32, share: F32) -> F32:
+def _foreground(photo: F32, behind: F32, mask: Mask, alpha: F32, share: F32, lit: F32) -> F32:
     """The object's own light times `alpha` (h, w, 3): the photo less what shows through of the background.
 
     Where little of a pixel is the object's, and what is behind it is not well known, the light that is carried outwards
-    from inside bounds it.
+    from inside bounds it. It has at least the share `lit` (h, w) of that.
     """
     inside = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 3)[1:-1, 1:-1]
-    sure = (inside > CUT.clean) & (alpha >= 1.0)
+    sure = (inside > CUT.clean) & (alpha >= 1.0) & (lit == 0)
     if not sure.any():
         sure = inside >= min(float(inside.max()), CUT.clean)
     weight = sure.astype(np.float32)
@@ -554,6 +588,5 @@ def _foreground(photo: F32, behind: F32, mask: Mask, alpha: F32, share: F32) -> 
     own = photo - (1 - a) * behind
     trust = np.clip((a - TRUST[0]) / (TRUST[1] - TRUST[0]), 0, 1)
     trust = trust * np.clip(10 * share - 9, 0, 1)[..., None]
-    return np.asarray(
-        np.where(a > 0, trust * np.clip(own, 0, None) + (1 - trust) * a * filled, 0), np.float32
-    )
+    light = np.where(a > 0, trust * np.clip(own, 0, None) + (1 - trust) * a * filled, 0)
+    return np.asarray(np.maximum(light, lit[..., None] * a * filled), np.float32)

@@ -39,8 +39,7 @@ class Placement:
     turn: float = 0.0  # rad by which the sprite's picture turns
     space: Array | None = None  # (3, 3) A ball: how its skin has turned
     shift: tuple[float, float] = (0.0, 0.0)  # px by which the centre has moved
-    rest: float = 0.0  # share of the photo's own border pixels that still shows
-    border: Slices | None = None  # the box of those, where it is wider than `box`
+    border: Slices | None = None  # the box of the photo's own border pixels, where it is wider than `box`
 
 
 def place_sprite(
@@ -74,8 +73,7 @@ def place_sprite(
     # canvas pixel p (from the box's corner) comes from sprite pixel R^-1 (p + box - pose) + start - corner
     dx, dy = box[1].start - pose.x, box[0].start - pose.y
     matrix = np.array([[c, s, c * dx + s * dy + start.x - x0], [-s, c, c * dy - s * dx + start.y - y0]])
-    moved_by = max(max(abs(a - x), abs(b - y)) for a, b, (x, y) in zip(xs, ys, sprite.hull, strict=True))
-    return Placement(box, matrix=matrix, turn=turn, rest=max(0.0, 1 - moved_by / FADE))
+    return Placement(box, matrix=matrix, turn=turn)
 
 
 def _rolled(
@@ -92,10 +90,9 @@ def _rolled(
     if box is None:
         return None
     matrix = np.array([[1.0, 0, box[1].start - x], [0, 1, box[0].start - y]])
-    rest = max(0.0, 1 - max(abs(dx), abs(dy)) / FADE)
     height, width = sprite.coverage.shape
-    border = _boxed(x, y, x + width - 1, y + height - 1, size) if rest > 0 else None
-    return Placement(box, None, matrix, 0.0, space, (dx, dy), rest, border)
+    border = _boxed(x, y, x + width - 1, y + height - 1, size)
+    return Placement(box, None, matrix, 0.0, space, (dx, dy), border)
 
 
 def _boxed(lx: float, ly: float, hx: float, hy: float, size: tuple[int, int]) -> Slices | None:
@@ -137,24 +134,44 @@ def draw_sprite(sprite: Sprite, where: Placement, fine: int = 1) -> tuple[F32, F
 def draw_border(sprite: Sprite, where: Placement, left: NDArray[np.float32]) -> tuple[Slices, F32] | None:
     """A box and (h, w, 3) the share of `Sprite.rest` that still shows there; None: nothing.
 
-    `left` (N + 1,) from 1 on: of each body, the share of its own; 0: without any.
+    `left` (N + 1,): of what each body leaves on this one, by `borders_left`; 0: of what is its own.
     """
-    if sprite.rest is None:
+    if sprite.rest is None or not (shares := left[sprite.beside]).any():
         return None
+    rest = sprite.rest
+    if shares.min() < 1:
+        rest = rest * (left[0] if sprite.hider is None else three_channels(left[sprite.hider]))
     if where.own is not None:
-        rest = sprite.rest[where.own]
-        if sprite.hider is not None and (left[sprite.hider[where.own]] < 1).any():
-            rest = rest * three_channels(left[sprite.hider[where.own]])
-        return where.box, rest
-    if where.rest <= 0 or where.matrix is None:
-        return None
+        return where.box, rest[where.own]
+    assert where.matrix is not None
     rows, columns = box = where.border or where.box
     matrix = where.matrix.copy()
     matrix[:, 2] += matrix[:, 0] * (columns.start - where.box[1].start)
     matrix[:, 2] += matrix[:, 1] * (rows.start - where.box[0].start)
     size = (columns.stop - columns.start, rows.stop - rows.start)
-    border = cv2.warpAffine(sprite.rest, matrix, size, flags=WARP_FLAGS, borderMode=cv2.BORDER_CONSTANT)
-    return box, np.asarray(np.float32(where.rest) * border, np.float32)
+    border = cv2.warpAffine(rest, matrix, size, flags=WARP_FLAGS, borderMode=cv2.BORDER_CONSTANT)
+    return box, np.asarray(border, np.float32)
+
+
+def borders_left(sprites: Sequence[Sprite], there: Sequence[SpritePose]) -> NDArray[np.float32]:
+    """(n, N + 1) of those `there`, in the picture: the share that each body, from 1 on, still leaves on their borders.
+
+    It goes as the two part, however both have moved; 0: what is their own, which goes as they leave their place.
+    """
+    shifts = np.full((max((sprite.hiders for sprite in sprites), default=0) + 1, 3), np.inf)
+    shifts[0] = 0
+    seen = [sprites[at.k] for at in there]
+    turns = [
+        0.0 if sprite.ball else at.pose.angle - at.start.angle for at, sprite in zip(there, seen, strict=True)
+    ]
+    moves = [
+        (at.pose.x - at.start.x, at.pose.y - at.start.y, turn) for at, turn in zip(there, turns, strict=True)
+    ]
+    own = np.array(moves).reshape(-1, 3)
+    shifts[[sprite.body + 1 for sprite in seen]] = own
+    far = np.abs(own[:, None] - shifts)
+    far[..., 2] *= np.array([max(sprite.coverage.shape) / 2 for sprite in seen])[:, None]
+    return np.asarray(np.maximum(1 - far.max(axis=2) / FADE, 0), np.float32)
 
 
 def halos_left(sprites: Sequence[Sprite], stands: Sequence[SpritePose]) -> NDArray[np.float32]:
@@ -271,8 +288,7 @@ class Stage:
     starts: Sequence[Pose] = ()
     """One a body: the pose in which its sprite was cut out, where some are put elsewhere; empty: as at t = 0."""
     mirror: Mirror | None = None
-    scale: float = 1.0
-    """Canvas pixels a photo pixel: a scene without a photo is drawn as large as it is seen."""
+    scale: float = 1.0  # canvas pixels a photo pixel: a scene without a photo is drawn as large as it is seen
 
     @property
     def faces(self) -> Mapping[int, float]:

@@ -20,11 +20,22 @@ from physgen.geometry.polygon import Array, Disc, Outline, Region, Ring, bounds
 from physgen.geometry.raster import coverage_box
 from physgen.geometry.shadows import F32, ShadowSetting, Silhouette, floor_contact
 from physgen.maps import U8, Percepts
+from physgen.perceive.inpaint.poisson import dilate, harmonic_fill
 from physgen.photometry import DistantLight, decode
 from physgen.render.ball import ball_from_photo, sphere_shading
 from physgen.render.occlusion import SUNK, ground_below, occluders, occlusions, silhouette
 from physgen.render.shadow_decomposition import decompose_shadows
-from physgen.render.sprites import CUT, MARGIN, Mask, Sides, Sprite, anchored, relief_of
+from physgen.render.sprites import (
+    CUT,
+    MARGIN,
+    MOST_RELIGHTING,
+    Mask,
+    Relief,
+    Sides,
+    Sprite,
+    anchored,
+    relief_of,
+)
 from physgen.render.stage import Frame, Mirror, ShadowBody, Stage, three_channels
 from physgen.scene.scene import Scene, Solid, View
 
@@ -49,6 +60,7 @@ class StagingTuning:
     seen_top: float = 0.7  # px by which an object shows above and below its shape: less are ragged borders
     back: float = 0.8  # of what a top shows in the photo, that sides show: edges are rounded; by tune
     stray: float = 0.03  # share of a ball's pixels that may lie outside its circle
+    darkest: float = 2.0  # percentile of a ball's light: what is darker beside others is in their shade
     thread: float = 2.0  # px: how thick what hangs on a ball is
     steep: float = 0.25  # rise over run from which a boundary is no floor: shadows of a slope lie elsewhere
     mirrored: int = 60  # px below an object's foot in which a floor is asked what it mirrors
@@ -224,7 +236,8 @@ def lit_stage(
     ]
     veils: list[F32 | None] = [None] * len(parts)
     if scene.render.shadows and maps.clean is not None:  # shadows of this light were seen
-        thrown = occlusions(starts, occluders(starts, setting), setting)
+        near = occluders(starts, setting)
+        thrown = occlusions(starts, {k: near.get(k, []) for k in range(len(starts))}, setting)
         veils = [thrown.get(k) for k in range(len(starts))]
         seen = [
             seen_share(sprite, actor, start, before, light)
@@ -248,6 +261,8 @@ def lit_stage(
         ]
         if maps.normals is not None:
             sprites = [_relieved(sprite, maps.normals, light) for sprite in sprites]
+        elif top:
+            sprites = [_turned_disc(sprite, world.bodies[sprite.body]) for sprite in sprites]
     if not scene.render.shadows:
         return Stage(background, anchored(sprites, decode(maps.rgb), decode(background), absent))
     rounds = [world.bodies[s.body].radius is not None and not loose for s, loose in parts]
@@ -437,17 +452,11 @@ def _parted(sprite: Sprite, body: Body) -> list[tuple[Sprite, bool]]:
     hangs = sprite.coverage[away > body.radius + 2].sum() > STAGING.stray * sprite.coverage.sum()
     # the thread lies beneath and reaches a pixel farther in, so that nothing shows through where they meet
     within = np.clip(body.radius + (1 if hangs else 2) - away, 0, 1).astype(np.float32)
-    if not hangs:  # what was taken for its border only
-        return [
-            (
-                replace(sprite, light=sprite.light * within[..., None], coverage=sprite.coverage * within),
-                False,
-            )
-        ]
     beyond = np.clip(away - body.radius + 1, 0, 1).astype(np.float32)
     return [
         (replace(sprite, light=sprite.light * part[..., None], coverage=sprite.coverage * part), loose)
         for part, loose in ((beyond, True), (within, False))
+        if hangs or not loose  # what was taken for its border only goes
     ]
 
 
@@ -459,6 +468,14 @@ def _skinned(sprite: Sprite, body: Body, light: DistantLight, view: View, before
     colour = np.where(alpha > 1e-3, sprite.light / np.maximum(alpha, 1e-3), 0).astype(np.float32)
     if before is not None:
         colour *= np.exp(before)[..., None]
+    sure, beside = sprite.coverage >= 1, None if sprite.hider is None else sprite.hider > 0
+    # from above, paints stand for rims
+    if view is View.SIDE and beside is not None and (free := sure & ~beside).any():
+        bright, level = colour.mean(axis=2), np.log(colour + np.float32(CUT.dark))
+        dark = beside & (bright < np.percentile(bright[free], STAGING.darkest))
+        gain = np.maximum(harmonic_fill(level, dilate(dark, CUT.clean) | ~sure, CUT.rough) - level, 0)
+        gain = np.exp(np.where(beside[..., None], gain, 0)).astype(np.float32)
+        colour, sprite = colour * gain, replace(sprite, light=sprite.light * gain)
     return replace(sprite, ball=ball_from_photo(colour, sprite.corner, (x, y), body.radius, light, view))
 
 
@@ -476,3 +493,27 @@ def _relieved(sprite: Sprite, normals: F32, light: DistantLight) -> Sprite:
     own[there] = normals[here]
     known[there] = sprite.coverage[there] > 0.7
     return replace(sprite, relief=relief_of(own, known, light))
+
+
+def _turned_disc(sprite: Sprite, body: Body) -> Sprite:
+    """A disc seen from above, round about its middle: what changes once around, at any radius, is light and stays."""
+    if body.radius is None or body.solid is Solid.SPHERE:
+        return sprite
+    rows, columns = np.indices(sprite.coverage.shape)
+    x, y = columns + sprite.corner[0] - body.center[0], rows + sprite.corner[1] - body.center[1]
+    away = np.maximum(np.hypot(x, y), 1.0)
+    c, s, ring = x / away, y / away, np.minimum(away, max(body.radius - 2, 0)).astype(int)
+    bright, sure = sprite.light.mean(axis=2), (sprite.coverage >= 1) & (away < body.radius)
+    sums = [
+        np.bincount(ring[sure], (bright * part)[sure], ring.max() + 1)
+        for part in (np.ones_like(c), 2 * c, 2 * s)
+    ]
+    count = np.maximum(np.bincount(ring[sure], minlength=ring.max() + 1), 1)
+    even, along, across = (cv2.GaussianBlur(part / count, (0, 0), 1.0).ravel()[ring] for part in sums)
+    even = np.maximum(even, CUT.dark)
+    first, second = (along * c + across * s) / even, (along * s - across * c) / even
+    model = np.maximum(1 + first, 1 / MOST_RELIGHTING)
+    fields = [
+        np.asarray(part / model, np.float32) for part in (first, second, np.ones_like(c), np.zeros_like(c))
+    ]
+    return replace(sprite, relief=Relief(*fields))

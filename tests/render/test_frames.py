@@ -67,7 +67,7 @@ def photo():
 
 
 def cut_out(rgb, labels, absent, coverage, background, order):
-    sprites = cut_sprites(rgb, labels, absent, coverage, background, order)
+    sprites = cut_sprites(rgb, labels, absent, coverage, background, dict.fromkeys(order, 0))
     return anchored(sprites, decode(rgb), decode(background), absent)
 
 

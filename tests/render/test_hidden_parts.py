@@ -144,7 +144,7 @@ def test_of_two_that_hide_parts_of_each_other_the_larger_is_completed(order: tup
     ]
     found = cut_sprites(
         colours[labels], labels, np.zeros(labels.shape, bool), (labels > 0).astype(np.float32),
-        np.broadcast_to(colours[0], (120, 160, 3)).copy(), order, shapes,
+        np.broadcast_to(colours[0], (120, 160, 3)).copy(), dict.fromkeys(order, 0), shapes,
     )  # fmt: skip
     assert [sprite.body for sprite in found] == [0, 1]
     for sprite, truth in zip(found, (plank, gate & ~(plank & right)), strict=True):

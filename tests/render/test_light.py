@@ -494,3 +494,23 @@ light: {direction: [0, 0, 1]}
         bare & (np.hypot(xx - 170, yy - 60) < 45)
     ]
     assert off.mean() < 0.6 * unlit.mean()
+
+
+def test_the_highlight_of_a_disc_stays_as_it_turns(bundled: Path) -> None:
+    """Turned by a half, a curling stone without normals is still bright towards the lamps, not away from them."""
+    scene = pipeline.load(bundled / "curling" / "scene.yaml")
+    maps = pipeline.percepts(scene)
+    assert maps.normals is None
+    compiled = pipeline.compile(scene, maps)
+    stone = [body.name for body in compiled.world.bodies].index("red-3")
+    track = simulate(compiled.world, np.array([0.0, 0.01]))
+    poses = np.repeat(track.poses[:1], 2, axis=0)
+    poses[1, stone, 2] += np.pi
+    x, y = poses[0, stone, :2]
+    yy, xx = np.mgrid[:512, :512] - np.array([y, x])[:, None, None]
+    ring = (np.hypot(xx, yy) > 12) & (np.hypot(xx, yy) < 22)
+    ways = []
+    for frame in pipeline.render(pipeline.stage(scene, compiled, maps), replace(track, poses=poses)):
+        light = frame.rgb.astype(float).mean(axis=2)[ring]
+        ways.append(np.array([(light * part[ring]).mean() for part in (xx, yy)]))
+    assert ways[0] @ ways[1] > 0.5 * (ways[0] @ ways[0])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -74,3 +76,13 @@ def test_as_much_light_is_lost_as_comes_straight() -> None:
 
 def test_things_of_one_height_throw_nothing_on_each_others_tops() -> None:
     assert not occluders([slab(100, 100, 40, 40, 20), slab(60, 60, 39, 39, 20)], setting(True))
+
+
+def test_a_floor_darkens_the_underside_of_a_ball_that_lies_on_it() -> None:
+    lies = replace(ball(100, 100, 30), floor=130.0)
+    dark = occlusion_of(lies, [], setting(False))
+    assert dark is not None
+    assert dark[129 - lies.corner[1], 100 - lies.corner[0]] > 0.5
+    assert dark[: 115 - lies.corner[1]].max() < 0.02
+    assert occlusion_of(replace(lies, floor=160.0), [], setting(False)) is None
+    assert occlusion_of(ball(100, 100, 30), [], setting(False)) is None

@@ -182,3 +182,38 @@ def test_a_polished_floor_mirrors_dominoes_and_a_dull_one_no_ball(bundled: Path)
     assert 0.05 < mirror.share[8] < 0.12
     assert (np.diff(mirror.share[4:]) < 0.005).all()
     assert opened(bundled, "wall-ball")[2].mirror is None
+
+
+def test_borders_are_lit_when_the_narrow_gap_beside_them_has_opened(bundled: Path) -> None:
+    """The left edge of pyramid's ninth block faces the window, and is black in the gap to the eighth."""
+    maps, compiled, stage = opened(bundled, "pyramid")
+    block = [body.name for body in compiled.world.bodies].index("block-9")
+    sprite = next(sprite for sprite in stage.sprites if sprite.body == block)
+    x, y = 281 - sprite.corner[0], 246 - sprite.corner[1]
+    light = sprite.light.mean(axis=2)[y - 20 : y + 20]
+    assert decode(maps.rgb)[226:266, 281].mean() < 0.1 * decode(maps.rgb)[226:266, 286].mean()
+    assert light[:, x].mean() > 0.5 * light[:, x + 5].mean()
+
+
+def test_what_left_takes_its_line_off_an_object_that_moved_a_little_itself(bundled: Path) -> None:
+    _, compiled, stage = opened(bundled, "pyramid")
+    names = [body.name for body in compiled.world.bodies]
+    track = simulate(compiled.world, np.array([0.0, 0.1]))
+    poses = np.repeat(track.poses[:1], 2, axis=0)
+    poses[1, names.index("block-8"), 1] -= 1000
+    poses[1, names.index("block-5"), 0] += 0.5
+    _, last = (frame.rgb.astype(int) for frame in pipeline.render(stage, replace(track, poses=poses)))
+    line, below = (decode(rows.astype(np.uint8)).mean() for rows in (last[286, 210:225], last[289, 210:225]))
+    assert line > 0.85 * below
+
+
+def test_shade_beside_a_ball_does_not_turn_with_it(bundled: Path) -> None:
+    """The white marble is brown beside the trough, and nowhere else."""
+    maps, compiled, stage = opened(bundled, "marbles")
+    marble = [body.name for body in compiled.world.bodies].index("red")
+    sprite = next(sprite for sprite in stage.sprites if sprite.body == marble)
+    (x, y), (h, w) = sprite.corner, sprite.coverage.shape
+    seen = decode(maps.rgb[y : y + h, x : x + w]).mean(axis=2)
+    shade = (sprite.hider > 0) & (sprite.coverage >= 1) & (seen < 0.03)
+    assert np.count_nonzero(shade) > 20
+    assert np.median(sprite.light.mean(axis=2)[shade]) > 4 * np.median(seen[shade])

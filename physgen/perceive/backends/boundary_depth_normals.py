@@ -165,14 +165,10 @@ def _is_rim(edge: Edge) -> bool:
 class Section:
     """Solid matter in the plane of motion; depths are 0 at the photo's nearest point, 1 at its farthest."""
 
-    depth: F32
-    """(H, W): the background's, interpolated across objects from side to side."""
-    solid: Mask
-    """(H, W)."""
-    known: Mask
-    """(H, W): False where objects, or the bleeding of their depth, hide it."""
-    nearest: float
-    """Depth before which nothing is among the objects."""
+    depth: F32  # (H, W): the background's, interpolated across objects from side to side
+    solid: Mask  # (H, W)
+    known: Mask  # (H, W): False where objects, or the bleeding of their depth, hide it
+    nearest: float  # depth before which nothing is among the objects
 
     @property
     def size(self) -> int:
@@ -185,16 +181,11 @@ class Section:
 class Edge:
     """One straight edge."""
 
-    start: Array
-    """(2,) px."""
-    end: Array
-    """(2,) px."""
-    seen: float = 0.0
-    """0..1: the share of it that is."""
-    plane: float = 0.0
-    """0..1: how alike the normals on its solid side are."""
-    facing: Array | None = None
-    """(3,) unit: their mean."""
+    start: Array  # (2,) px
+    end: Array  # (2,) px
+    seen: float = 0.0  # 0..1: the share of it that is
+    plane: float = 0.0  # 0..1: how alike the normals on its solid side are
+    facing: Array | None = None  # (3,) unit: their mean
 
     @property
     def length(self) -> float:

@@ -111,11 +111,9 @@ class SupportedObjects:
     """Objects as they stand on the floors laid under them, seen from the side."""
 
     objects: Sequence[PhotoObject]
-    outlines: Mapping[int, Outline]
-    """Of those that stand better than their masks show."""
+    outlines: Mapping[int, Outline]  # of those that stand better than their masks show
     walls: Sequence[Wall]
-    grip: dict[int, float]
-    """Least friction, by id."""
+    grip: dict[int, float]  # least friction, by id
 
 
 def lay_floors(

@@ -57,19 +57,13 @@ class Heads:
     """From (1280,) features to L labels, and "no label" after them."""
 
     labels: tuple[str, ...]
-    group: Any
-    """(1000,) label of each ImageNet class, L where the material table has none."""
-    weights: F32
-    """(1000, 1280) ImageNet's classifier."""
+    group: Any  # (1000,) label of each ImageNet class, L where the material table has none
+    weights: F32  # (1000, 1280) ImageNet's classifier
     bias: F32
-    trust: float
-    """Power to which ImageNet's probabilities are raised."""
-    own: F32
-    """(L + 1, 1280) log odds per feature that the regression adds."""
-    shift: F32
-    """(L + 1,) the same without features."""
-    sure: float
-    """Mean probability from which a label is written."""
+    trust: float  # power to which ImageNet's probabilities are raised
+    own: F32  # (L + 1, 1280) log odds per feature that the regression adds
+    shift: F32  # (L + 1,) the same without features
+    sure: float  # mean probability from which a label is written
 
     def chances(self, features: F32) -> tuple[F32, F32]:
         """(N, 1280) features -> (N, L + 1) probabilities, and (N,) those of the likeliest labels.

@@ -62,28 +62,21 @@ class PixelPairs:
     """Pixels compared: `change` (n,) of the logarithm of light from the second to the first of each pair."""
 
     change: F32
-    first: F32
-    """(n, 3) normals."""
+    first: F32  # (n, 3) normals
     second: F32
-    weight: F32
-    """(n,)"""
-    trust: float
-    """The sum of trust in the objects seen: 1 for a plain ball."""
+    weight: F32  # (n,)
+    trust: float  # the sum of trust in the objects seen: 1 for a plain ball
 
 
 @dataclass(frozen=True)
 class LightEstimate:
     """A light and how well it explains the photo."""
 
-    light: DistantLight
-    """Its intensity and ambient sum to 1."""
-    explained: float
-    """0..1 of the differences of light."""
-    spots: int
-    """Highlights that agree."""
+    light: DistantLight  # its intensity and ambient sum to 1
+    explained: float  # 0..1 of the differences of light
+    spots: int  # highlights that agree
     trust: float
-    rival: float
-    """0..1: the share of its explanation that the best light from elsewhere reaches."""
+    rival: float  # 0..1: the share of its explanation that the best light from elsewhere reaches
 
 
 def shading() -> Light:

@@ -40,14 +40,10 @@ MEAN, SPREAD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 class GroundedConstants:
     """Constants of boxes and prompts."""
 
-    batch: int = 16
-    """Prompts decoded together: the decoder copies the photo's features for each."""
-    tokens: int = 256
-    """Of Grounding DINO's text, at most; the model's own `max_text_len` where that is less."""
-    least_score: float = 0.2
-    """Of a box that is passed on to SAM."""
-    boxes: int = 100
-    """Of a photo, that are passed on."""
+    batch: int = 16  # prompts decoded together: the decoder copies the photo's features for each
+    tokens: int = 256  # of Grounding DINO's text, at most; the model's own `max_text_len` where that is less
+    least_score: float = 0.2  # of a box that is passed on to SAM
+    boxes: int = 100  # of a photo, that are passed on
 
 
 GROUNDED = GroundedConstants()
@@ -201,12 +197,9 @@ class Sam:
 class NounBox:
     """A box with its noun."""
 
-    box: Box
-    """px, within the photo."""
-    noun: int
-    """Index of the noun."""
-    score: float
-    """0..1."""
+    box: Box  # px, within the photo
+    noun: int  # index of the noun
+    score: float  # 0..1
 
 
 class GroundingDino:

@@ -54,42 +54,25 @@ SAMPLING: Mapping[str, Any] = {"temperature": 0, "seed": 0}
 class Constants:
     """Constants of requests, answers and pictures."""
 
-    attempts: int = 3
-    """How often a question is put until its answer is usable."""
-    retries: int = 2
-    """How often a request is repeated when the server fails, is busy or does not answer."""
-    parallel: int = 4
-    """Concurrent requests."""
-    answer: int = 50_000
-    """Characters of an answer that are read."""
-    starts: int = 200
-    """Brackets at which JSON decoding is tried before giving up."""
-    categories: int = 48
-    """At most, of a photo."""
-    similar_size: float = 1.15
-    """Ratio of lengths up to which two objects share one question."""
-    similar_colour: float = 20.0
-    """CIELAB distance up to which two objects have one colour."""
-    named: float = 0.8
-    """Confidence of a name."""
-    weighed: float = 0.49
-    """Confidence of a mass judged by eye: its logarithm scatters by 0.6."""
+    attempts: int = 3  # how often a question is put until its answer is usable
+    retries: int = 2  # how often a request is repeated when the server fails, is busy or does not answer
+    parallel: int = 4  # concurrent requests
+    answer: int = 50_000  # characters of an answer that are read
+    starts: int = 200  # brackets at which JSON decoding is tried before giving up
+    categories: int = 48  # at most, of a photo
+    similar_size: float = 1.15  # ratio of lengths up to which two objects share one question
+    similar_colour: float = 20.0  # CIELAB distance up to which two objects have one colour
+    named: float = 0.8  # confidence of a name
+    weighed: float = 0.49  # confidence of a mass judged by eye: its logarithm scatters by 0.6
     same_length: float = 0.05
     """Relative difference in length up to which two similar objects count as equal: masks are no more exact."""
-    name: int = 48
-    """Characters of a name."""
-    densest: float = 23.0
-    """g/cm³: osmium, the densest element (CRC)."""
-    photo: int = 1024
-    """px: the longer side of a whole photo, at most."""
-    closeup: tuple[int, int] = (256, 512)
-    """px: the longer side of a close-up, at least and at most."""
-    margin: float = 0.25
-    """Around an object, as a share of its longer side."""
-    surroundings: float = 0.4
-    """Share of their light that an object's surroundings keep."""
-    ink: tuple[int, int, int] = (255, 0, 255)
-    """RGB of outlines: hardly any object is magenta."""
+    name: int = 48  # characters of a name
+    densest: float = 23.0  # g/cm³: osmium, the densest element (CRC)
+    photo: int = 1024  # px: the longer side of a whole photo, at most
+    closeup: tuple[int, int] = (256, 512)  # px: the longer side of a close-up, at least and at most
+    margin: float = 0.25  # around an object, as a share of its longer side
+    surroundings: float = 0.4  # share of their light that an object's surroundings keep
+    ink: tuple[int, int, int] = (255, 0, 255)  # RGB of outlines: hardly any object is magenta
 
 
 VLM = Constants()
@@ -167,13 +150,10 @@ Every number is one exact number, without its unit. Answer with one JSON object 
 class Query:
     """A question about pictures."""
 
-    about: str
-    """In one to three words, for messages: `ball`."""
+    about: str  # in one to three words, for messages: `ball`
     text: str
-    pictures: tuple[bytes, ...]
-    """PNG."""
-    schema: Schema
-    """Of the answer."""
+    pictures: tuple[bytes, ...]  # PNG
+    schema: Schema  # of the answer
     contradictions: Callable[[Any], list[str]] = lambda answer: []
     """Faults of an answer that keeps to the schema."""
 

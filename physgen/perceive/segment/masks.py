@@ -26,30 +26,19 @@ DOUBTFUL = 0.1
 class CleanUp:
     """Constants of the clean-up; shares and IoU were chosen on the studio's photos."""
 
-    same_box: float = 0.8
-    """IoU from which two boxes mean one object."""
-    same_mask: float = 0.7
-    """IoU from which two masks mean one object."""
-    inside: float = 0.8
-    """Share of a mask within another, from which it is inside."""
-    least_share: float = 0.0002
-    """Of the photo: smaller masks are dropped."""
-    least_area: int = 32
-    """px: smaller masks are dropped."""
-    hole: float = 0.005
-    """Of a mask: smaller holes are closed."""
-    speck: float = 0.02
-    """Of a mask's largest piece: smaller pieces are dropped."""
-    part: float = 0.1
-    """Of a mask's largest piece: larger pieces are objects of their own."""
-    parts: int = 8
-    """Pieces of a mask, at most."""
+    same_box: float = 0.8  # IoU from which two boxes mean one object
+    same_mask: float = 0.7  # IoU from which two masks mean one object
+    inside: float = 0.8  # share of a mask within another, from which it is inside
+    least_share: float = 0.0002  # of the photo: smaller masks are dropped
+    least_area: int = 32  # px: smaller masks are dropped
+    hole: float = 0.005  # of a mask: smaller holes are closed
+    speck: float = 0.02  # of a mask's largest piece: smaller pieces are dropped
+    part: float = 0.1  # of a mask's largest piece: larger pieces are objects of their own
+    parts: int = 8  # pieces of a mask, at most
     visible: float = 0.2
     """Share of an object that others in front must leave; less is a heap, seen between its members."""
-    rival: float = 0.5
-    """Ratio of confidences from which a smaller object lies in front of a larger one."""
-    doubts: int = 8
-    """Doubtful objects at most."""
+    rival: float = 0.5  # ratio of confidences from which a smaller object lies in front of a larger one
+    doubts: int = 8  # doubtful objects at most
 
 
 CLEANUP = CleanUp()

@@ -26,8 +26,7 @@ class SelectionConstants:
     """Bonus where three selected proposals have the same size and compactness: objects come in sets."""
     gap_penalty: float = 0.4
     """Penalty of a small proposal between larger selected ones: a gap, or a face of an object."""
-    working_area: int = 512 * 512
-    """px searched; larger photos are reduced to it."""
+    working_area: int = 512 * 512  # px searched; larger photos are reduced to it
     working_side: int = 4096  # px: the longest side searched, of a panorama
     areas: tuple[float, ...] = (0.0012, 0.22)
     """Of the photo: bounds of an object's area in the selection by edges."""
