@@ -168,22 +168,8 @@ def _log(srgb: np.ndarray) -> np.ndarray:
 
 
 def frame_costs(folder: Path) -> list[dict]:
-    """What a frame costs, in scenes drawn by formula and in those of `render`.
-
-    PHYSGEN_BEFORE names a checkout of an earlier version: its figures, of the same hour, stand beside.
-    """
-    rows = frame_rows(scenes(folder), sorted((ROOT / "scenes").glob("*/scene.yaml")), folder)
-    if before := os.environ.get("PHYSGEN_BEFORE"):
-        code = "import json, pathlib, sys, run; print(json.dumps(run.frame_costs(pathlib.Path(sys.argv[1]))))"
-        paths = {"PYTHONPATH": f"{before}:{before}/benchmarks", "PHYSGEN_BEFORE": ""}
-        command = [sys.executable, "-c", code, str(folder / "before")]
-        made = subprocess.run(command, check=True, capture_output=True, cwd=before, env=os.environ | paths)
-        known = {
-            (row["measure"], row["scene"]): row["found"] for row in json.loads(made.stdout.splitlines()[-1])
-        }
-        for row in rows:
-            row["before"] = known.get((row["measure"], row["scene"]))
-    return rows
+    """What a frame costs, in scenes drawn by formula and in those of `render`."""
+    return frame_rows(scenes(folder), sorted((ROOT / "scenes").glob("*/scene.yaml")), folder)
 
 
 PARTS = {

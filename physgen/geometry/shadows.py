@@ -481,7 +481,7 @@ def shadows_on_sides(what: Silhouette, setting: ShadowSetting) -> Iterator[tuple
             x = (np.float32(end - x0) + back * np.float32(lx / lz)).repeat(len(y), axis=0)
             down = y + back * np.float32(ly / lz) - np.float32(y0)
             blocked = np.asarray(cv2.remap(soft, x, down, cv2.INTER_LINEAR), np.float32)
-        upon = (back >= 0) * np.clip(np.float32(what.floor + 0.5) - y, 0, 1)
+        upon = ((back >= 0) & (back <= setting.backdrop)) * np.clip(np.float32(what.floor + 0.5) - y, 0, 1)
         mean = (blocked * upon).reshape(len(y), -1, MODEL.wall).mean(axis=2, dtype=np.float32)
         yield box, attenuation(setting.direct((facing, 0.0, 0.0)), mean, np.zeros_like(mean))
 

@@ -473,15 +473,20 @@ def _mirrored(stage: Stage, picture: Picture, left: F32) -> tuple[Slices, F32] |
     As far as the photo's own reflection has gone, which is part of what is `left` (N + 1,) around the object.
     """
     k, (rows, columns) = picture.stand.k, picture.where.box
-    foot = None if stage.mirror is None else stage.mirror.feet[k]
-    if stage.mirror is None or foot is None or picture.where.own is not None:
+    stood = None if stage.mirror is None else stage.mirror.feet[k]
+    if stage.mirror is None or stood is None or picture.where.own is not None:
         return None
+    foot, low = stood[0], np.flatnonzero((picture.coverage > 0.5).any(axis=1))
+    if not len(low) or rows.start + low[-1] > foot + stage.mirror.rough:
+        return None  # it has left the floor, downwards
     first = max(rows.start, foot + 1 - len(stage.mirror.share), 2 * foot + 2 - len(stage.background))
     last = min(rows.stop, foot + 1)
     if first >= last:
         return None
     share = stage.mirror.share[foot + 1 - last : foot + 1 - first] * (1 - left[stage.sprites[k].body + 1])
     light = picture.light[first - rows.start : last - rows.start][::-1] * share[:, None, None]
+    across = np.arange(columns.start, columns.stop)
+    light *= ((across >= stood[1]) & (across <= stood[2]))[:, None]
     box = np.s_[2 * foot + 2 - last : 2 * foot + 2 - first, columns]
     light = cv2.GaussianBlur(light, (0, 0), stage.mirror.rough, borderType=cv2.BORDER_REPLICATE)
     return box, np.asarray(light, np.float32)

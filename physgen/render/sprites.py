@@ -318,10 +318,14 @@ def cut_sprites(
         down, right = np.gradient(_soft(mine, CUT.clean))
         facing = -(toward[0] * right + toward[1] * down) / np.maximum(np.hypot(right, down), 1e-6)
         disc = k < len(shapes) and isinstance(shapes[k], Disc)  # `ball` tells light from shade
-        lit = np.where(dim[box] & (not disc), np.maximum(facing, 0), 0).astype(np.float32)
-        light = _foreground(photo[box], behind[box], mine, alpha, share, lit)
         others = np.where(mine, 0, labels[box]).astype(np.int32)
         touching, by = _nearest(others, none, CUT.gap), (others > 0) | absent[box]
+        # no hole of its own; and its other borders are not as dark
+        gaps = dim[box] & dilate(touching > 0, CUT.clean + 1)
+        rim = mine & ~gaps & dilate(~mine, CUT.clean)
+        plain = not disc and rim.any() and photo[box][rim].mean() > photo[box][mine].mean() / 2
+        lit = np.where(gaps & plain, np.maximum(facing, 0), 0).astype(np.float32)
+        light = _foreground(photo[box], behind[box], mine, alpha, share, lit)
         if k in hidden or (dilate(by, CUT.clean) & mine).any():
             part = hidden.get(k) or _Hidden(boxes[k + 1], labels[box], np.zeros_like(alpha), none, by)
             light, alpha = _completed(photo[box], mine, light, alpha, coverage[box], part, lit, disc)

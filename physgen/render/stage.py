@@ -268,7 +268,8 @@ class Mirror:
     """What a floor mirrors of what stands on it."""
 
     share: F32  # (n,): of the light of an object's lowest rows, of each row below its foot
-    feet: Sequence[int | None]  # one a sprite: the row of the photo at which it ends; None: it does not stand
+    feet: Sequence[tuple[int, float, float] | None]
+    """One a sprite: the row of the photo at which it ends, and its floor's end columns; None: it does not stand."""
     rough: float = 2.0  # px, standard deviation: how much less sharp this is than the object
 
 

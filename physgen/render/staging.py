@@ -20,7 +20,6 @@ from physgen.geometry.polygon import Array, Disc, Outline, Region, Ring, bounds
 from physgen.geometry.raster import coverage_box
 from physgen.geometry.shadows import F32, ShadowSetting, Silhouette, floor_contact
 from physgen.maps import U8, Percepts
-from physgen.perceive.inpaint.poisson import dilate, harmonic_fill
 from physgen.photometry import DistantLight, decode
 from physgen.render.ball import ball_from_photo, sphere_shading
 from physgen.render.occlusion import SUNK, ground_below, occluders, occlusions, silhouette
@@ -60,7 +59,10 @@ class StagingTuning:
     seen_top: float = 0.7  # px by which an object shows above and below its shape: less are ragged borders
     back: float = 0.8  # of what a top shows in the photo, that sides show: edges are rounded; by tune
     stray: float = 0.03  # share of a ball's pixels that may lie outside its circle
-    darkest: float = 2.0  # percentile of a ball's light: what is darker beside others is in their shade
+    around: float = (
+        0.9  # of a ring about a disc's middle that must be seen, for its light to be told from paint
+    )
+    uneven: float = 0.7  # change once around, of the mean, from which it is paint
     thread: float = 2.0  # px: how thick what hangs on a ball is
     steep: float = 0.25  # rise over run from which a boundary is no floor: shadows of a slope lie elsewhere
     mirrored: int = 60  # px below an object's foot in which a floor is asked what it mirrors
@@ -287,7 +289,7 @@ def floor_mirror(
     for sprite, start in zip(sprites, starts, strict=True):
         rows, contact = np.flatnonzero((sprite.coverage > 0.5).any(axis=1)), floor_contact(start, tilt)
         stands = contact is not None and len(rows) and contact.low < 1
-        feet.append(sprite.corner[1] + int(rows[-1]) if stands else None)
+        feet.append((sprite.corner[1] + int(rows[-1]), *start.ends) if stands else None)
         if not stands:
             continue
         left, below = sprite.corner[0] + MARGIN, sprite.corner[1] + int(rows[-1]) + 1
@@ -346,7 +348,10 @@ def floors(world: World) -> list[Array]:
             if a <= right + STAGING.joined and b >= left - STAGING.joined:
                 left, right = min(left, a), max(right, b)
         walls = [
-            any(abs(w[0] - x) < STAGING.joined and min(w[1::2]) < min(one[1::2]) for w in upright)
+            any(
+                abs(foot[0] - x) < STAGING.joined and top[1] < min(one[1::2]) < foot[1] + STAGING.joined
+                for top, foot in (sorted((w[:2], w[2:]), key=lambda end: end[1]) for w in upright)
+            )
             for x in (left, right)
         ]
         joined.append(np.array([*one, left, right, *walls]))
@@ -468,14 +473,6 @@ def _skinned(sprite: Sprite, body: Body, light: DistantLight, view: View, before
     colour = np.where(alpha > 1e-3, sprite.light / np.maximum(alpha, 1e-3), 0).astype(np.float32)
     if before is not None:
         colour *= np.exp(before)[..., None]
-    sure, beside = sprite.coverage >= 1, None if sprite.hider is None else sprite.hider > 0
-    # from above, paints stand for rims
-    if view is View.SIDE and beside is not None and (free := sure & ~beside).any():
-        bright, level = colour.mean(axis=2), np.log(colour + np.float32(CUT.dark))
-        dark = beside & (bright < np.percentile(bright[free], STAGING.darkest))
-        gain = np.maximum(harmonic_fill(level, dilate(dark, CUT.clean) | ~sure, CUT.rough) - level, 0)
-        gain = np.exp(np.where(beside[..., None], gain, 0)).astype(np.float32)
-        colour, sprite = colour * gain, replace(sprite, light=sprite.light * gain)
     return replace(sprite, ball=ball_from_photo(colour, sprite.corner, (x, y), body.radius, light, view))
 
 
@@ -496,7 +493,8 @@ def _relieved(sprite: Sprite, normals: F32, light: DistantLight) -> Sprite:
 
 
 def _turned_disc(sprite: Sprite, body: Body) -> Sprite:
-    """A disc seen from above, round about its middle: what changes once around, at any radius, is light and stays."""
+    """A disc seen from above, round about its middle: what changes a little once around, on rings that the photo shows
+    all around, is light and stays; more is paint."""
     if body.radius is None or body.solid is Solid.SPHERE:
         return sprite
     rows, columns = np.indices(sprite.coverage.shape)
@@ -509,6 +507,9 @@ def _turned_disc(sprite: Sprite, body: Body) -> Sprite:
         for part in (np.ones_like(c), 2 * c, 2 * s)
     ]
     count = np.maximum(np.bincount(ring[sure], minlength=ring.max() + 1), 1)
+    whole = count > STAGING.around * np.pi * (2 * np.arange(len(count)) + 1)
+    light = whole & (np.hypot(*sums[1:]) < STAGING.uneven * sums[0])
+    sums = [sums[0], *(part * light for part in sums[1:])]
     even, along, across = (cv2.GaussianBlur(part / count, (0, 0), 1.0).ravel()[ring] for part in sums)
     even = np.maximum(even, CUT.dark)
     first, second = (along * c + across * s) / even, (along * s - across * c) / even

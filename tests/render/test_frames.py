@@ -134,7 +134,7 @@ def test_a_floor_mirrors_what_has_moved() -> None:
     background = np.zeros((H, W, 3), np.uint8)
     rgb = np.where(labels[..., None] > 0, 255, background).astype(np.uint8)
     cut = cut_out(rgb, labels, labels > 1, (labels > 0).astype(np.float32), background, (0,))
-    stage = Stage(background, cut, mirror=Mirror(np.full(6, 0.25, np.float32), [59]))
+    stage = Stage(background, cut, mirror=Mirror(np.full(6, 0.25, np.float32), [(59, 0, 1000)]))
     first, last = render_frames(stage, trajectory([(50, 55, 0), (80, 55, 0)]))
     assert np.array_equal(first.rgb, rgb)
     assert decode(last.rgb)[61:64, 75:85] == approx(0.25, abs=0.02)

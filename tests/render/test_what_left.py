@@ -205,15 +205,3 @@ def test_what_left_takes_its_line_off_an_object_that_moved_a_little_itself(bundl
     _, last = (frame.rgb.astype(int) for frame in pipeline.render(stage, replace(track, poses=poses)))
     line, below = (decode(rows.astype(np.uint8)).mean() for rows in (last[286, 210:225], last[289, 210:225]))
     assert line > 0.85 * below
-
-
-def test_shade_beside_a_ball_does_not_turn_with_it(bundled: Path) -> None:
-    """The white marble is brown beside the trough, and nowhere else."""
-    maps, compiled, stage = opened(bundled, "marbles")
-    marble = [body.name for body in compiled.world.bodies].index("red")
-    sprite = next(sprite for sprite in stage.sprites if sprite.body == marble)
-    (x, y), (h, w) = sprite.corner, sprite.coverage.shape
-    seen = decode(maps.rgb[y : y + h, x : x + w]).mean(axis=2)
-    shade = (sprite.hider > 0) & (sprite.coverage >= 1) & (seen < 0.03)
-    assert np.count_nonzero(shade) > 20
-    assert np.median(sprite.light.mean(axis=2)[shade]) > 4 * np.median(seen[shade])

@@ -233,7 +233,7 @@ def _seen_darkness(
 def _reference(linear: F32, known: Mask, size: float) -> F32:
     """(H, W, 3): the light of like-coloured surfaces nearby, from where it is `known`."""
     if np.count_nonzero(known) < HUES:
-        return linear
+        return np.asarray(cv2.medianBlur(linear, 5), np.float32)
     reaches = [(part * size, part * size, gain) for part, gain in ((0.4, 1.0), (1.0, 0.05), (3, 0.002))]
     kinds = hue_weights(linear, known, 8000)
 
