@@ -4,21 +4,25 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import cv2
 import numpy as np
 import pytest
 
 from physgen import pipeline
+from physgen.compile.world import Body
 from physgen.geometry.polygon import Pose
 from physgen.geometry.shadows import ShadowSetting, Silhouette, shadow_darkness, shadows_on_sides
 from physgen.photometry import DistantLight, decode, encode_u8
+from physgen.render import staging
 from physgen.render.atlas import BallSprites
 from physgen.render.ball import ball_from_photo, equal_area
 from physgen.render.shadow_decomposition import decompose_shadows
 from physgen.render.sprites import Sides, Sprite, lambert, relief_of
 from physgen.render.stage import Placement, draw_sprite, place_sprite
-from physgen.scene.scene import View
+from physgen.scene.scene import Solid, View
 from physgen.simulate.engine import simulate
 
 SUN = DistantLight((-0.36, -0.48, 0.8), 0.7, 0.35)
@@ -514,3 +518,20 @@ def test_the_highlight_of_a_disc_stays_as_it_turns(bundled: Path) -> None:
         light = frame.rgb.astype(float).mean(axis=2)[ring]
         ways.append(np.array([(light * part[ring]).mean() for part in (xx, yy)]))
     assert ways[0] @ ways[1] > 0.5 * (ways[0] @ ways[0])
+
+
+@pytest.mark.parametrize(("kind", "kept"), [("halves", True), ("cut", True), ("lit", False)])
+def test_a_disc_keeps_its_paint_and_not_its_light(kind: str, kept: bool) -> None:
+    """Halves of two paints, an even disc half beyond the photo, and an even one that is brighter to one side."""
+    yy, xx = np.mgrid[:50, :50] - 24.5
+    cover = (np.hypot(xx, yy) < 20).astype(np.float32)
+    shade = {"halves": np.where(xx < 0, 0.02, 0.5), "cut": np.full(xx.shape, 0.1), "lit": 0.2 + 0.004 * xx}[
+        kind
+    ]
+    cover[:, :25] *= kind != "cut"
+    light = np.repeat((shade * cover)[..., None], 3, axis=2).astype(np.float32)
+    body = SimpleNamespace(radius=20.0, solid=Solid.DISC, center=np.array([24.5, 24.5]))
+    relief = staging._turned_disc(Sprite(0, (0, 0), light, cover), cast(Body, body)).relief
+    assert relief is not None
+    ratio = relief.ratio(np.pi)[(cover > 0) & (np.hypot(xx, yy) < 16)]
+    assert (np.ptp(ratio) < 0.01) == kept
