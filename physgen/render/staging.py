@@ -59,9 +59,7 @@ class StagingTuning:
     seen_top: float = 0.7  # px by which an object shows above and below its shape: less are ragged borders
     back: float = 0.8  # of what a top shows in the photo, that sides show: edges are rounded; by tune
     stray: float = 0.03  # share of a ball's pixels that may lie outside its circle
-    around: float = (
-        0.9  # of a ring about a disc's middle that must be seen, for its light to be told from paint
-    )
+    around: float = 0.75  # of a disc's ring that must be seen, for light to be told from paint
     uneven: float = 0.7  # change once around, of the mean, from which it is paint
     thread: float = 2.0  # px: how thick what hangs on a ball is
     steep: float = 0.25  # rise over run from which a boundary is no floor: shadows of a slope lie elsewhere

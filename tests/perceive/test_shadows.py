@@ -165,14 +165,20 @@ def test_balls_before_a_wall_leave_no_shadows_on_it() -> None:
     assert after < 6
 
 
-def test_from_above_each_ball_owns_the_patch_beside_it() -> None:
-    """On a table a ball's shadow from 45 degrees is its disc moved by one radius and drawn out along the light."""
+def balls_from_above() -> tuple[np.ndarray, list[PhotoObject], list[np.ndarray]]:
+    """Labels of three balls on a table, the balls, and their shadows from 45 degrees: discs moved by one radius and
+    drawn out along the light."""
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     labels, things, each = np.zeros((HEIGHT, WIDTH), np.uint16), [], []
     for k, (cx, cy) in enumerate([(120.0, 100.0), (260.0, 120.0), (190.0, 220.0)], 1):
         labels[np.hypot(x - cx, y - cy) <= 22] = k
         things.append(PhotoObject(k, Disc(np.array([cx, cy]), 22.0), "ball"))
         each.append(np.hypot((x - cx - 22) / 2**0.5, y - cy) <= 22)
+    return labels, things, each
+
+
+def test_from_above_each_ball_owns_the_patch_beside_it() -> None:
+    labels, things, each = balls_from_above()
     shade = cv2.GaussianBlur(np.any(each, axis=0).astype(np.float32), (0, 0), 1.0)
     grain = cv2.GaussianBlur(np.random.default_rng(5).normal(0, 1, (HEIGHT, WIDTH)), (0, 0), 1.0)
     table = np.array([0.42, 0.36, 0.30]) * np.exp(0.03 * grain / grain.std())[..., None]
@@ -206,12 +212,7 @@ def test_shadows_that_fan_out_under_a_near_lamp_leave_no_marks() -> None:
 
 def test_from_above_a_shadow_goes_with_its_colour() -> None:
     """Warm light is blocked, and the cool light of a window is left: no blue disc stays on the table."""
-    y, x = np.mgrid[:HEIGHT, :WIDTH]
-    labels, things, each = np.zeros((HEIGHT, WIDTH), np.uint16), [], []
-    for k, (cx, cy) in enumerate([(120.0, 100.0), (260.0, 120.0), (190.0, 220.0)], 1):
-        labels[np.hypot(x - cx, y - cy) <= 22] = k
-        things.append(PhotoObject(k, Disc(np.array([cx, cy]), 22.0), "ball"))
-        each.append(np.hypot((x - cx - 22) / 2**0.5, y - cy) <= 22)
+    labels, things, each = balls_from_above()
     shade = cv2.GaussianBlur(np.any(each, axis=0).astype(np.float32), (0, 0), 1.0)
     table = np.broadcast_to(np.array([0.2, 0.2, 0.2]), (HEIGHT, WIDTH, 3))
     found = lift(srgb(table * (1 - shade[..., None] * [0.75, 0.65, 0.5])), labels, things, (), View.TOP)

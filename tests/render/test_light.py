@@ -535,3 +535,8 @@ def test_a_disc_keeps_its_paint_and_not_its_light(kind: str, kept: bool) -> None
     assert relief is not None
     ratio = relief.ratio(np.pi)[(cover > 0) & (np.hypot(xx, yy) < 16)]
     assert (np.ptp(ratio) < 0.01) == kept
+    if kind == "lit":
+        inside = np.hypot(xx, yy) < 16
+        assert relief.ratio(np.pi / 2)[inside] == pytest.approx(
+            ((0.2 - 0.004 * yy) / shade)[inside], abs=0.05
+        )
