@@ -18,10 +18,8 @@ EXAMPLE = "objects.ball.mass=100,200"
 class Key:
     """One key that varies."""
 
-    key: str
-    """Dotted, as `--set` takes it."""
-    argument: str
-    """The whole argument as written."""
+    key: str  # dotted, as `--set` takes it
+    argument: str  # the whole argument as written
 
     @property
     def path(self) -> KeyPath:

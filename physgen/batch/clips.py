@@ -20,10 +20,8 @@ class FoundClip(NamedTuple):
     """A clip's folder."""
 
     folder: Path
-    name: str
-    """Its path below the parent of the folder that the user named, with `/`."""
-    manifest: Mapping[str, Any] | None
-    """None: it cannot be read."""
+    name: str  # its path below the parent of the folder that the user named, with `/`
+    manifest: Mapping[str, Any] | None  # none: it cannot be read
 
 
 def checked_folders(roots: Sequence[Path]) -> list[Path]:
@@ -108,20 +106,16 @@ def clip_folders(roots: Sequence[Path]) -> list[Path]:
 class Manifest:
     """What a manifest records of a run; see `report.record.RunRecord`."""
 
-    source: str | None
-    """None: an earlier physgen did not record it."""
+    source: str | None  # none: an earlier physgen did not record it
     variant: str | None
     overrides: tuple[str, ...]
     versions: Mapping[str, str]
-    machine: str
-    """Its processor and its system."""
+    machine: str  # its processor and its system
     inputs: Mapping[str, str]
     files: Mapping[str, str]
     samples: tuple[str, ...]
-    frames: tuple[str, ...]
-    """Of the clip before refinement."""
-    refined: bool
-    """A model refined it, or was to."""
+    frames: tuple[str, ...]  # of the clip before refinement
+    refined: bool  # a model refined it, or was to
 
 
 def read_manifest(folder: Path) -> Manifest:

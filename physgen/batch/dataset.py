@@ -188,13 +188,10 @@ def _parameter(text: str) -> tuple[str, Any]:
 class DatasetSummary:
     """What was done."""
 
-    counts: Counter[str]
-    """Clips of each split."""
+    counts: Counter[str]  # clips of each split
     photos: set[str] = field(default_factory=set)
-    left_out: int = 0
-    """Clips that cannot be used."""
-    files: Sequence[Path] = ()
-    """Those that readers open."""
+    left_out: int = 0  # clips that cannot be used
+    files: Sequence[Path] = ()  # those that readers open
 
     @property
     def total(self) -> int:

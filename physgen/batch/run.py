@@ -30,8 +30,7 @@ class Refiner:
 
     setting: str = ""
     """`NAME[:WEIGHTS]`."""
-    config: Path | None = None
-    """In place of the user's own physgen.toml."""
+    config: Path | None = None  # in place of the user's own physgen.toml
 
     def plan(self) -> Plan:
         """With the configuration files. Raises InputError."""
@@ -64,14 +63,12 @@ DEFAULT_REFINER = Refiner()
 class Job:
     """One clip to make."""
 
-    scene: str
-    """Its path, as the user names it."""
+    scene: str  # its path, as the user names it
     options: pipeline.RenderOptions = DEFAULT_OPTIONS
     out: str = "out"
     """The folder of results."""
     refiner: Refiner = DEFAULT_REFINER
-    tracked: tuple[str, ...] | None = None
-    """Objects with outcomes of their own; None: no outcomes are needed."""
+    tracked: tuple[str, ...] | None = None  # objects with outcomes of their own; None: no outcomes are needed
     pictures: bool = False
     """Whether the process that makes the clip also makes its pictures for the gallery of `out`."""
 
@@ -114,8 +111,7 @@ class Done:
     state: State = State.FAILED
     seconds: float = 0.0
     disk_full: bool = False
-    outcomes: Mapping[str, Cell] | None = None
-    """See `batch.outcomes.outcomes`."""
+    outcomes: Mapping[str, Cell] | None = None  # see `batch.outcomes.outcomes`
 
 
 def run_all(jobs: Iterable[Job], workers: int, progress: pipeline.Progress) -> Generator[Done, None, None]:

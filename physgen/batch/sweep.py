@@ -45,15 +45,11 @@ MAX_CHECKED_VARIANTS = 50
 class Point:
     """One clip of a sweep."""
 
-    number: int
-    """From 0."""
-    name: str
-    """Of its folder."""
+    number: int  # from 0
+    name: str  # of its folder
     variant: str | None
-    values: tuple[Value, ...]
-    """One for each axis."""
-    overrides: tuple[str, ...]
-    """`KEY=VALUE` for each axis, as `--set` takes it."""
+    values: tuple[Value, ...]  # one for each axis
+    overrides: tuple[str, ...]  # `KEY=VALUE` for each axis, as `--set` takes it
 
 
 @dataclass(frozen=True)
@@ -61,10 +57,8 @@ class Sweep:
     """All clips to make; `sweep[k]` is clip k. Nothing is listed, so that millions take no memory."""
 
     axes: tuple[Axis, ...]
-    variants: tuple[str | None, ...] = (None,)
-    """None is the file itself."""
-    samples: int = 0
-    """Draws at each point of the grid; 0 where no key is drawn."""
+    variants: tuple[str | None, ...] = (None,)  # none is the file itself
+    samples: int = 0  # draws at each point of the grid; 0 where no key is drawn
     seed: int = 0
 
     def __len__(self) -> int:

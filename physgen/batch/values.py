@@ -38,10 +38,8 @@ _DECIMAL = re.compile(r"[-+]?(?:\d{1,40}(?:\.\d{0,40})?|\.\d{1,40})(?:[eE][-+]?\
 class Value:
     """One value of a key."""
 
-    text: str
-    """YAML, as `--set` takes it."""
-    data: Any
-    """The parsed value: None, bool, int, float, str, list or dict."""
+    text: str  # YAML, as `--set` takes it
+    data: Any  # the parsed value: None, bool, int, float, str, list or dict
 
     @property
     def cell(self) -> Cell:
@@ -145,12 +143,9 @@ def _log_between(low: float, high: float, share: float) -> float:
 class Distribution:
     """Distribution of the values of one key."""
 
-    name: str
-    """One of EXAMPLES."""
-    numbers: tuple[float, ...] = ()
-    """Both ends; of a normal distribution its mean and its standard deviation."""
-    values: tuple[Value, ...] = ()
-    """Of a choice; a repeated value is drawn more often."""
+    name: str  # one of EXAMPLES
+    numbers: tuple[float, ...] = ()  # both ends; of a normal distribution its mean and its standard deviation
+    values: tuple[Value, ...] = ()  # of a choice; a repeated value is drawn more often
 
     def at(self, share: float) -> Value:
         """The quantile: the value below which that share of draws lies, 0 < share < 1."""

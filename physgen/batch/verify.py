@@ -33,8 +33,7 @@ class VerifyRequest:
     """A clip to verify."""
 
     folder: Path
-    scene: Path | None = None
-    """The scene file; None: the one that the manifest names."""
+    scene: Path | None = None  # the scene file; None: the one that the manifest names
     allow_outside: bool = False
 
 
@@ -51,12 +50,9 @@ class Outcome(Enum):
 class MotionDifference:
     """How two motions differ."""
 
-    sample: int
-    """The first that differs."""
-    time: float
-    """s."""
-    counts: tuple[int, int]
-    """How many samples there were, and are."""
+    sample: int  # the first that differs
+    time: float  # s
+    counts: tuple[int, int]  # how many samples there were, and are
     objects: Mapping[str, float] = field(default_factory=dict)
     """The largest distance of each that differs, px, the largest first; empty where trajectory.npz does not tell."""
 
@@ -72,12 +68,9 @@ class MotionDifference:
 class FrameDifference:
     """How the frames differ."""
 
-    frame: int
-    """The first that differs."""
-    differ: int
-    """How many do, of those that both clips have."""
-    counts: tuple[int, int]
-    """How many frames there were, and are."""
+    frame: int  # the first that differs
+    differ: int  # how many do, of those that both clips have
+    counts: tuple[int, int]  # how many frames there were, and are
 
     def text(self) -> str:
         """For a person."""
@@ -92,24 +85,18 @@ class FrameDifference:
 class Verdict:
     """Result for one clip."""
 
-    clip: str
-    """Its folder."""
+    clip: str  # its folder
     outcome: Outcome
-    samples: int = 0
-    """Of its motion, as its manifest has it."""
+    samples: int = 0  # of its motion, as its manifest has it
     frames: int = 0
     files: int = 0
-    changed: tuple[str, ...] = ()
-    """What the run read and is different now."""
-    elsewhere: tuple[str, ...] = ()
-    """Versions and machine that are different now."""
-    damaged: tuple[str, ...] = ()
-    """Output files that are not as they were written."""
+    changed: tuple[str, ...] = ()  # what the run read and is different now
+    elsewhere: tuple[str, ...] = ()  # versions and machine that are different now
+    damaged: tuple[str, ...] = ()  # output files that are not as they were written
     motion: MotionDifference | None = None
     pictures: FrameDifference | None = None
     notes: tuple[str, ...] = ()
-    problems: tuple[Problem, ...] = ()
-    """Why it could not be rendered."""
+    problems: tuple[Problem, ...] = ()  # why it could not be rendered
 
     def line(self) -> str:
         """For a person.

@@ -140,12 +140,9 @@ class Command:
     name: str
     about: str
     example: str
-    add: Callable[[Parser], None]
-    """Adds the arguments."""
-    run: Callable[[argparse.Namespace], int]
-    """Returns the exit code."""
-    mixed: bool = False
-    """Whether flags may stand between arguments, of which there can be several."""
+    add: Callable[[Parser], None]  # adds the arguments
+    run: Callable[[argparse.Namespace], int]  # returns the exit code
+    mixed: bool = False  # whether flags may stand between arguments, of which there can be several
 
 
 def whole(low: int, high: int) -> Callable[[str], int]:

@@ -108,12 +108,9 @@ def _hidden(scene: Scene, item: Object) -> Problem:
 class Fitted:
     """What the masks of objects and boundaries became, fitted together so that neighbours touch."""
 
-    objects: dict[int, Outline]
-    """By id in the objects' label map, those alone whose shape is fitted."""
-    walls: dict[int, Region]
-    """By index in `Scene.boundaries`, those alone that are masks."""
-    scenery: PixelMask
-    """(H, W): pixels that show a boundary and no object."""
+    objects: dict[int, Outline]  # by id in the objects' label map, those alone whose shape is fitted
+    walls: dict[int, Region]  # by index in `Scene.boundaries`, those alone that are masks
+    scenery: PixelMask  # (H, W): pixels that show a boundary and no object
 
 
 def fit_masks(scene: Scene, labels: U16 | None, of_objects: U16, fitted: list[int]) -> Fitted:
@@ -168,8 +165,7 @@ class Shapes:
 
     written: tuple[Outline | None, ...]
     """Outlines as the file or the assets have them; None where one is fitted."""
-    labels: U16
-    """(H, W): id k + 1 is the k-th object; 0 = background."""
+    labels: U16  # (H, W): id k + 1 is the k-th object; 0 = background
     fits: Fitted
 
     @property

@@ -70,8 +70,7 @@ class Services:
     events: Events
     rendering: RenderJob
     token: str
-    once: set[str]
-    """Keys that open the page one time."""
+    once: set[str]  # keys that open the page one time
 
 
 def services_of(request: Request) -> Services:

@@ -73,18 +73,14 @@ class Corrected:
 class Painted:
     """The pixels of all objects after a correction, and those of masks.png before and after."""
 
-    labels: U16
-    """(H, W): ids as `ids` has them, 0 for none."""
+    labels: U16  # (H, W): ids as `ids` has them, 0 for none
     ids: Mapping[str, int]
     stored: Mapping[str, int]
     """By name, ids in masks.png of the objects whose mask is stored there from now on."""
-    before: U16
-    """(H, W) of masks.png, without doubtful regions, which stay there; zeros where there is none."""
+    before: U16  # (H, W) of masks.png, without doubtful regions, which stay there; zeros where there is none
     after: U16
-    touched: Mask
-    """(H, W): what the corrected objects covered, or cover now."""
-    union: Mask
-    """(H, W): all that objects, also left-out ones, cover now."""
+    touched: Mask  # (H, W): what the corrected objects covered, or cover now
+    union: Mask  # (H, W): all that objects, also left-out ones, cover now
     union_before: Mask
 
 

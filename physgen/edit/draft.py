@@ -25,8 +25,7 @@ class Unsaved(BaseModel):
 
     format: Literal[4] = 4
     text: str
-    saved: str
-    """The text that the file held when it was read or written last."""
+    saved: str  # the text that the file held when it was read or written last
     folders: list[Annotated[str, Field(pattern=r"^[^/\\]+\.assets$")]] = []
     """Maps of corrections, beside the scene."""
 

@@ -286,14 +286,11 @@ def packed(values: Array) -> str:
 class Look:
     """A state of the text for the page. Where the text is wrong, only `problems` and `todo` are set."""
 
-    problems: tuple[Data, ...] = ()
-    """Errors, then lints."""
+    problems: tuple[Data, ...] = ()  # errors, then lints
     scene: Data | None = None
     derived: Data | None = None
-    motion: Data | None = None
-    """The first part of its motion; see `MotionStream`."""
-    picture: str | None = None
-    """Key of the picture."""
+    motion: Data | None = None  # the first part of its motion; see `MotionStream`
+    picture: str | None = None  # key of the picture
     todo: tuple[Data, ...] = ()
 
 
@@ -303,13 +300,10 @@ class CompiledScene:
 
     scene: Scene
     compiled: Compiled
-    key: str
-    """Of its photo and maps."""
-    picture: str
-    """Key of its picture."""
+    key: str  # of its photo and maps
+    picture: str  # key of its picture
     read: Callable[[Scene], Percepts | None]
-    lints: list[tuple[Problem, ...]] = field(default_factory=list)
-    """Empty until they are computed."""
+    lints: list[tuple[Problem, ...]] = field(default_factory=list)  # empty until they are computed
 
     @property
     def percepts(self) -> Percepts | None:

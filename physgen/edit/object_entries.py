@@ -34,18 +34,14 @@ class Correction:
     text: str
     sight: CompiledScene
     maps: Percepts
-    document: Mapping[str, Any]
-    """The file's data, with what it extends, without defaults."""
-    masks: dict[str, Mask] = field(default_factory=dict)
-    """New pixels of objects that were there."""
-    fresh: dict[str, Mask] = field(default_factory=dict)
-    """Pixels of new objects."""
+    document: Mapping[str, Any]  # the file's data, with what it extends, without defaults
+    masks: dict[str, Mask] = field(default_factory=dict)  # new pixels of objects that were there
+    fresh: dict[str, Mask] = field(default_factory=dict)  # pixels of new objects
     entries: dict[str, Data] = field(default_factory=dict)
     """Their entries, as far as they are known; masks, shapes and numbers come at the end."""
     found: dict[str, tuple[float, Data]] = field(default_factory=dict)
     """How sure a mask is, and the prompt that it was found by."""
-    gone: str | None = None
-    """The object that was merged into another."""
+    gone: str | None = None  # the object that was merged into another
     ops: list[Data] = field(default_factory=list)
 
     @property

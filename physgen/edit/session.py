@@ -52,8 +52,7 @@ class State:
     """The edit that led here, for the undo button: `push cue-ball`."""
     tag: str | None = None
     """Consecutive edits with the same tag are one step, unless one was saved or a pause passed."""
-    time: float = 0.0
-    """s since 1970."""
+    time: float = 0.0  # s since 1970
 
 
 class History:

@@ -26,8 +26,7 @@ class Source:
     """One clip: a video, or a folder of frames."""
 
     path: Path
-    skip: int = 0
-    """First frames that do not count."""
+    skip: int = 0  # first frames that do not count
 
     @property
     def filmed(self) -> bool:
@@ -99,10 +98,8 @@ def _px(shape: tuple[int, ...]) -> str:
 class Rule:
     """Selection and size of frames, one for all clips that are compared."""
 
-    side: int = 256
-    """px that the shorter side becomes; all clips must have one aspect ratio."""
-    count: int | None = None
-    """Frames of a clip, evenly from the first to the last; None: all."""
+    side: int = 256  # px that the shorter side becomes; all clips must have one aspect ratio
+    count: int | None = None  # frames of a clip, evenly from the first to the last; None: all
 
     def frames(self, source: Source) -> list[U8]:
         """(H, W, 3) sRGB. Raises InputError for a clip that cannot be read, is empty, or is shorter than `count`."""

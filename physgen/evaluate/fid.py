@@ -35,14 +35,11 @@ KINDS = tuple(WORDS)
 class Constants:
     """Choices of the measure that a user does not make."""
 
-    level: float = 0.95
-    """Of intervals."""
+    level: float = 0.95  # of intervals
     peak: float = 99.9
     """% of pixels that are no faster than the speed of a pair of frames: outliers do not count."""
-    least_colour: float = 1.0
-    """px of motion that are full colour, at least."""
-    rounding: float = 1e-9
-    """Distances below it are 0."""
+    least_colour: float = 1.0  # px of motion that are full colour, at least
+    rounding: float = 1e-9  # distances below it are 0
 
 
 CONSTANTS = Constants()
@@ -52,8 +49,7 @@ class Features(Protocol):
     """Pictures -> numbers: `Bank`, or `backends.inception.Inception`."""
 
     name: str
-    comparable: bool
-    """Whether these are the features that published FIDs are made of."""
+    comparable: bool  # whether these are the features that published FIDs are made of
 
     def __call__(self, pictures: U8) -> F64:
         """(N, H, W, 3) sRGB -> (N, D), all finite."""
@@ -254,10 +250,8 @@ class Side:
     """What was read of a method, or of the reference."""
 
     name: str
-    lengths: list[int] = field(default_factory=list)
-    """Frames of each clip."""
-    features: dict[str, list[F64]] = field(default_factory=dict)
-    """By kind, of each clip."""
+    lengths: list[int] = field(default_factory=list)  # frames of each clip
+    features: dict[str, list[F64]] = field(default_factory=dict)  # by kind, of each clip
 
     def count(self, kind: str) -> int:
         """Number of pictures."""
@@ -270,13 +264,10 @@ class Measured:
 
     reference: Side
     methods: Mapping[str, Side]
-    found: Mapping[str, Mapping[str, Distance]]
-    """By kind and method."""
-    full: float
-    """px that are full colour."""
+    found: Mapping[str, Mapping[str, Distance]]  # by kind and method
+    full: float  # px that are full colour
     features: Features
-    wide: int
-    """Number of features of a picture."""
+    wide: int  # number of features of a picture
     settings: Settings
     warnings: tuple[Problem, ...]
 

@@ -67,14 +67,11 @@ class Bar:
 class Findings:
     """Result of one measure."""
 
-    measure: str
-    """Its name on the command line."""
+    measure: str  # its name on the command line
     title: str
-    sentences: tuple[str, ...]
-    """The most important first."""
+    sentences: tuple[str, ...]  # the most important first
     sections: tuple[Section, ...]
-    rows: Sequence[Mapping[str, Any]]
-    """As JSON: numbers in full, None where nothing is known."""
+    rows: Sequence[Mapping[str, Any]]  # as JSON: numbers in full, None where nothing is known
     bars: tuple[Bar, ...] = ()
     more: Mapping[str, Any] = field(default_factory=dict)
     """Beside `rows` in the JSON: settings, totals, versions."""

@@ -40,12 +40,9 @@ class Rater:
 
     name: str
     file: Path
-    session: str
-    """Of one person at one browser: two files of one session are of the same person."""
-    saved: str
-    """ISO 8601; empty where the file does not state it."""
-    scores: Mapping[str, Mapping[str, int]]
-    """Clip -> question -> 1 to 5."""
+    session: str  # of one person at one browser: two files of one session are of the same person
+    saved: str  # ISO 8601; empty where the file does not state it
+    scores: Mapping[str, Mapping[str, int]]  # clip -> question -> 1 to 5
 
 
 @dataclass(frozen=True)
@@ -54,8 +51,7 @@ class Answers:
 
     key: Key
     raters: tuple[Rater, ...]
-    scores: Mapping[str, Scores]
-    """By question."""
+    scores: Mapping[str, Scores]  # by question
 
 
 def files_in(paths: Sequence[Path], key: Path) -> list[Path]:

@@ -70,11 +70,9 @@ def runs(mask: Mask) -> Runs:
 class Truth:
     """A photo and the true masks."""
 
-    rgb: NDArray[np.uint8]
-    """(H, W, 3) sRGB, upright."""
+    rgb: NDArray[np.uint8]  # (H, W, 3) sRGB, upright
     masks: tuple[Runs, ...]
-    unjudged: Runs
-    """Where truth is unknown."""
+    unjudged: Runs  # where truth is unknown
 
 
 @dataclass(frozen=True)
@@ -154,11 +152,9 @@ class Photo:
     """One photo's true masks, and found ones with their confidences (N,)."""
 
     name: str
-    size: tuple[int, int]
-    """Width and height, px."""
+    size: tuple[int, int]  # width and height, px
     true: Sequence[Runs]
-    unjudged: Sequence[Runs]
-    """Regions that count for neither side: what is found mostly there is left out."""
+    unjudged: Sequence[Runs]  # regions that count for neither side: what is found mostly there is left out
     found: Sequence[Runs]
     confidence: Floats
 
@@ -167,12 +163,9 @@ class Photo:
 class Judged:
     """Matches of one photo at the first threshold, without what is found where truth is unknown."""
 
-    confidence: Floats
-    """(N,)."""
-    overlap: Floats
-    """(N,): IoU with the match; 0 without."""
-    true: int
-    """Number of true masks."""
+    confidence: Floats  # (N,)
+    overlap: Floats  # (N,): IoU with the match; 0 without
+    true: int  # number of true masks
 
     @property
     def right(self) -> Mask:
@@ -296,8 +289,7 @@ def as_photo(name: str, truth: Truth, segments: Segments) -> Photo:
 class Found:
     """Over all photos."""
 
-    rows: list[dict[str, Any]]
-    """One a photo."""
+    rows: list[dict[str, Any]]  # one a photo
     total: Mapping[str, Any]
     """Counts at 0.5 of all objects together; average precision `ap50`, `ap`, and `ap_by_iou` at COCO's thresholds;
     `error` of confidences."""

@@ -53,8 +53,7 @@ class Question:
     """One statement that a rater agrees with, or not."""
 
     key: str
-    name: str
-    """As the paper has it; raters do not see it."""
+    name: str  # as the paper has it; raters do not see it
     claim: str
     hint: str
 
@@ -87,15 +86,11 @@ class Methods:
     """What lies in a folder of methods."""
 
     folder: Path
-    names: tuple[str, ...]
-    """In natural order, as the scenes are."""
+    names: tuple[str, ...]  # in natural order, as the scenes are
     scenes: tuple[str, ...]
-    films: Mapping[tuple[str, str], Path]
-    """(method, scene) -> its clip."""
-    photos: Mapping[str, Path]
-    """Scene -> the photo that its clips begin with."""
-    words: Mapping[str, str]
-    """Scene -> what was asked of the methods."""
+    films: Mapping[tuple[str, str], Path]  # (method, scene) -> its clip
+    photos: Mapping[str, Path]  # scene -> the photo that its clips begin with
+    words: Mapping[str, str]  # scene -> what was asked of the methods
 
     @property
     def complete(self) -> tuple[str, ...]:
@@ -188,13 +183,11 @@ def within(rgb: U8) -> U8:
 class Key:
     """Which clip of a page is of which method; kept apart from the page."""
 
-    study: str
-    """Hexadecimal digits."""
+    study: str  # hexadecimal digits
     seed: int
     methods: tuple[str, ...]
     scenes: tuple[str, ...]
-    clips: Mapping[str, tuple[str, str]]
-    """Name on the page -> method and scene."""
+    clips: Mapping[str, tuple[str, str]]  # name on the page -> method and scene
 
     @property
     def fits(self) -> bool:
@@ -255,14 +248,11 @@ def read_record(path: Path, kind: str) -> Mapping[str, Any]:
 class PageClip:
     """One clip on the page."""
 
-    name: str
-    """On the page and in the key: c1, c2 ..."""
+    name: str  # on the page and in the key: c1, c2
     method: str
     scene: str
-    film: bytes
-    """An MP4."""
-    size: tuple[int, int]
-    """Width and height, px."""
+    film: bytes  # an MP4
+    size: tuple[int, int]  # width and height, px
 
 
 @dataclass(frozen=True)
@@ -270,8 +260,7 @@ class Study:
     """Content of the page, and the key."""
 
     clips: tuple[PageClip, ...]
-    photos: dict[str, str]
-    """Scene -> data URI."""
+    photos: dict[str, str]  # scene -> data URI
     words: dict[str, str]
     key: Key
 

@@ -30,10 +30,8 @@ AT_REST = 1e-9
 class PosedView:
     """Poses of N bodies, and the camera."""
 
-    lens: Array
-    """(2, 3): photo px -> video px."""
-    poses: Array
-    """(N, 3): x px, y px, angle rad, of the centre of mass, in the photo."""
+    lens: Array  # (2, 3): photo px -> video px
+    poses: Array  # (N, 3): x px, y px, angle rad, of the centre of mass, in the photo
     spaces: Array | None
     """(N, 3, 3): rotations in space since t = 0, +z into the photo; None: bodies turn in the picture alone."""
     faces: Mapping[int, float]

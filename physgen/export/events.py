@@ -36,14 +36,10 @@ class EventLimits:
     """Of the photo's longer side, by which an object's centre or rim must leave its place at t = 0: less is settling,
     which is hardly seen."""
     rate: float = 240.0
-    least: int = 720
-    """Samples of the motion: a second, and in all; no more than the engine's steps."""
-    most: int = 2_000_000
-    """Samples times objects."""
-    before: float = 1e-6
-    """s before the beginning of a touch."""
-    after: float = 1.5
-    """Steps of the engine after which an impact is over."""
+    least: int = 720  # samples of the motion: a second, and in all; no more than the engine's steps
+    most: int = 2_000_000  # samples times objects
+    before: float = 1e-6  # s before the beginning of a touch
+    after: float = 1.5  # steps of the engine after which an impact is over
 
 
 LIMITS = EventLimits()
@@ -75,20 +71,15 @@ class Event:
     """One event. Surfaces are numbered as in `World.surfaces`: bodies, then walls."""
 
     kind: EventKind
-    time: float
-    """s of the motion."""
+    time: float  # s of the motion
     surfaces: tuple[int, ...]
     """One, or the two of a collision: the one that moves faster towards the other first."""
-    at: Point
-    """px of the photo: the point of contact or of a push; else the centre of mass."""
-    until: float | None = None
-    """s: the end of a lasting push; None: it outlasts the clip, or has no length."""
-    impulse: float | None = None
-    """g·px/s: of a collision or an impulse, without lasting pressure."""
+    at: Point  # px of the photo: the point of contact or of a push; else the centre of mass
+    until: float | None = None  # s: the end of a lasting push; None: it outlasts the clip, or has no length
+    impulse: float | None = None  # g·px/s: of a collision or an impulse, without lasting pressure
     vector: Point | None = None
     """Of a collision the unit vector in which the second pushes the first; of a push g·px/s or g·px/s²; else px/s."""
-    torque: float = 0.0
-    """g·px²/s²."""
+    torque: float = 0.0  # g·px²/s²
     closing: float | None = None
     """px/s at which the contact points of a collision approach each other just before."""
     side: str = ""

@@ -35,8 +35,7 @@ class LabelFormat:
     """The map of the photo that it is made of."""
     library: str = ""
     """An optional module that it needs, of the extra `labels`."""
-    most: int | None = None
-    """Objects that it can number."""
+    most: int | None = None  # objects that it can number
 
 
 FORMATS = (

@@ -61,12 +61,9 @@ class Presence:
     """One body that reaches into a frame."""
 
     body: int
-    box: Box
-    """The smallest that holds all of the body inside the frame."""
-    whole: Mask
-    """(h, w) on the box: hidden parts included."""
-    seen: Mask
-    """(h, w) on the box: the visible part."""
+    box: Box  # the smallest that holds all of the body inside the frame
+    whole: Mask  # (h, w) on the box: hidden parts included
+    seen: Mask  # (h, w) on the box: the visible part
 
     @cached_property
     def whole_area(self) -> int:
@@ -130,14 +127,10 @@ def _bounding_box(mask: Mask) -> Box:
 class View(PosedView):
     """One frame of a clip; N bodies."""
 
-    index: int
-    """In the order in which the clip is played."""
-    time: float
-    """s of the motion."""
-    rgb: U8
-    """(H, W, 3) sRGB."""
-    ids: U16
-    """(H, W): body k shows as k + 1, 0 = background."""
+    index: int  # in the order in which the clip is played
+    time: float  # s of the motion
+    rgb: U8  # (H, W, 3) sRGB
+    ids: U16  # (H, W): body k shows as k + 1, 0 = background
     covering: Callable[[], Sequence[Cover]] = field(repr=False, compare=False)
     """Computes the coverage of the bodies, see `Frame.covers`."""
 
@@ -198,20 +191,13 @@ class Clip:
     name: str
     scene: Scene
     world: World
-    trajectory: Trajectory
-    """A sample a frame, played forward."""
-    maps: Percepts | None
-    """Of the photo; None without one."""
-    size: tuple[int, int]
-    """Width and height of the frames, px."""
-    fps: float
-    """1/s at which it plays."""
-    count: int
-    """Frames."""
-    shot: Shot
-    """The camera at any time, and the order in which the frames show the samples."""
-    source: Mapping[str, str] = field(default_factory=dict)
-    """Inputs: paths and SHA-256."""
+    trajectory: Trajectory  # a sample a frame, played forward
+    maps: Percepts | None  # of the photo; None without one
+    size: tuple[int, int]  # width and height of the frames, px
+    fps: float  # 1/s at which it plays
+    count: int  # frames
+    shot: Shot  # the camera at any time, and the order in which the frames show the samples
+    source: Mapping[str, str] = field(default_factory=dict)  # inputs: paths and SHA-256
     sampled: Callable[[Array], Trajectory] | None = field(default=None, repr=False)
     """The same motion at other times (T,) s, rising; None: it is simulated again."""
     stood: U16 = field(default_factory=lambda: np.zeros((0, 0), np.uint16), repr=False)
@@ -256,10 +242,8 @@ class Flow:
 
     moved: F32
     """(H, W, 2) px: x and y by which the point shown by a pixel has moved, also where it is then hidden or outside."""
-    inside: Mask
-    """(H, W): it is still in the picture."""
-    visible: Mask
-    """(H, W): it is in the picture, and nothing hides it."""
+    inside: Mask  # (H, W): it is still in the picture
+    visible: Mask  # (H, W): it is in the picture, and nothing hides it
 
 
 def flow(view: View, other: View, world: World) -> Flow:

@@ -26,10 +26,8 @@ class LayerLimits:
 
     rim: int = 3
     """px around an object in which pixels mix it and the background: the background is filled in there, too."""
-    pad: int = 4
-    """px around an object's mask to which its outermost values are extended."""
-    fill_error: float = 2e-4
-    """Of a map's range: the largest error of the smooth fill."""
+    pad: int = 4  # px around an object's mask to which its outermost values are extended
+    fill_error: float = 2e-4  # of a map's range: the largest error of the smooth fill
 
 
 LIMITS = LayerLimits()
@@ -41,10 +39,8 @@ WARP = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
 class Part:
     """A map on one object."""
 
-    corner: tuple[int, int]
-    """Photo column and row of its first pixel."""
-    values: F32
-    """(h, w[, C]), extended beyond the object's mask."""
+    corner: tuple[int, int]  # photo column and row of its first pixel
+    values: F32  # (h, w[, C]), extended beyond the object's mask
 
     def warped(self, box: Slices, m: complex, n: complex) -> F32:
         """(h, w[, C]) on a box of a view; `m` and `n` lead from its px to those of the photo."""
@@ -153,8 +149,7 @@ class MapCodes:
 
     full: int = 65535
     zero: int = 32768
-    unit: int = 32767
-    """Codes of a normal's component: 0, and by how much 1 is larger."""
+    unit: int = 32767  # codes of a normal's component: 0, and by how much 1 is larger
     ball_margin: float = 2.0
     """px beyond a ball's rim up to which its mask holds the rim; farther out it is a thread or a handle."""
 

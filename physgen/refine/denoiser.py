@@ -17,14 +17,10 @@ F32 = NDArray[np.float32]
 class Grid:
     """How a model cuts a video into latents."""
 
-    cell: int
-    """px: a side of a latent's cells."""
-    side: int
-    """px: sides of frames are multiples of it."""
-    area: int
-    """px of the frames that the model was trained on; larger ones are refined at that size."""
-    window: int
-    """Frames that the model sees at a time, at most."""
+    cell: int  # px: a side of a latent's cells
+    side: int  # px: sides of frames are multiples of it
+    area: int  # px of the frames that the model was trained on; larger ones are refined at that size
+    window: int  # frames that the model sees at a time, at most
 
 
 @dataclass(frozen=True)
@@ -32,8 +28,7 @@ class PromptSettings:
     """The texts that guide the model."""
 
     prompt: str
-    negative: str
-    """What shall not be seen."""
+    negative: str  # what shall not be seen
     guidance: float | None
     """How much it listens (classifier-free guidance, Ho and Salimans 2022); None: as its authors advise."""
 

@@ -174,8 +174,7 @@ class RefineSettings:
     prompt: PromptSettings
     lock: float
     detail: float
-    hold: int
-    """Frames over which the first gives way; 0: it is refined like all others."""
+    hold: int  # frames over which the first gives way; 0: it is refined like all others
 
     @property
     def count(self) -> int:

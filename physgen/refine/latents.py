@@ -27,12 +27,10 @@ MOST = 1.5
 class Fit:
     """How frames of one size are shown to a model."""
 
-    size: Size
-    """Of the video."""
+    size: Size  # of the video
     scaled: Size
     """What the model is shown of it: the same, unless it has more pixels than the model was trained on."""
-    padded: Size
-    """With the border mirrored up to the grid's multiples."""
+    padded: Size  # with the border mirrored up to the grid's multiples
 
     def shown(self, rgb: U8) -> U8:
         """(H, W, 3) of `size` -> of `padded`; made smaller in linear light."""

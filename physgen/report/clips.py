@@ -31,15 +31,12 @@ UNREFINED = ("unrefined.mp4", "unrefined.webp", "unrefined.gif", "unrefined/0000
 class Failure:
     """A record of a run that failed."""
 
-    scene: str
-    """Name of the folder of the clip."""
-    path: str
-    """The scene's file, as it was given."""
+    scene: str  # name of the folder of the clip
+    path: str  # the scene's file, as it was given
     variant: str | None
     overrides: tuple[str, ...]
     command: tuple[str, ...]
-    problems: tuple[str, ...]
-    """Errors, one line each."""
+    problems: tuple[str, ...]  # errors, one line each
     warnings: tuple[str, ...] = ()
 
 
@@ -95,30 +92,23 @@ def read_failure(file: Path) -> Failure | None:
 class Clip:
     """One clip of a gallery."""
 
-    home: Path
-    """Its folder; of one that failed, the file of its record."""
+    home: Path  # its folder; of one that failed, the file of its record
     name: str
     variant: str | None = None
     overrides: tuple[str, ...] = ()
-    document: Mapping[str, Any] = field(default_factory=dict)
-    """The resolved scene; empty for one that failed."""
+    document: Mapping[str, Any] = field(default_factory=dict)  # the resolved scene; empty for one that failed
     photo: str = ""
     """SHA-256 of the scene's photo; empty without one."""
-    size: tuple[int, int] = (4, 3)
-    """Width and height of the film, px."""
-    fps: float = 30.0
-    """1/s."""
+    size: tuple[int, int] = (4, 3)  # width and height of the film, px
+    fps: float = 30.0  # 1/s
     frames: int = 0
     warnings: tuple[str, ...] = ()
-    problems: tuple[str, ...] = ()
-    """Why it failed; empty for one that did not."""
-    film: Path | None = None
-    """The video, or the first of its frames."""
+    problems: tuple[str, ...] = ()  # why it failed; empty for one that did not
+    film: Path | None = None  # the video, or the first of its frames
     seal: str = ""
     """Identifies the film: hexadecimal digits."""
     report: Path | None = None
-    time: float = 0.0
-    """When it was made, s since 1970."""
+    time: float = 0.0  # when it was made, s since 1970
 
     @property
     def scene(self) -> str:

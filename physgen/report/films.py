@@ -24,12 +24,9 @@ QUALITY = 80
 class Film:
     """A clip on a page."""
 
-    source: str
-    """URL of the file, or of the first frame."""
-    plays: bool
-    """It is a video; else a picture, which may be animated."""
-    name: str
-    """The file beside the page."""
+    source: str  # URL of the file, or of the first frame
+    plays: bool  # it is a video; else a picture, which may be animated
+    name: str  # the file beside the page
     frames: str = ""
     """Folder of the frames beside the page, where there is no film."""
 

@@ -36,12 +36,9 @@ KINDS = {".mp4": "video/mp4", ".webp": "image/webp", ".gif": "image/gif"}
 class GalleryLimits:
     """What the page shows."""
 
-    most_choices: int = 8
-    """Values of a key that are offered one by one; more become a range."""
-    common_labels: int = 6
-    """Labels that are offered at once, the most frequent."""
-    many: int = 200
-    """Cards; of more, those out of sight are laid out as they come."""
+    most_choices: int = 8  # values of a key that are offered one by one; more become a range
+    common_labels: int = 6  # labels that are offered at once, the most frequent
+    many: int = 200  # cards; of more, those out of sight are laid out as they come
 
 
 LIMITS = GalleryLimits()
@@ -59,8 +56,7 @@ class Gallery:
     index: Path
     clips: int
     failures: int
-    bytes: int
-    """Of the page itself."""
+    bytes: int  # of the page itself
 
 
 def write_gallery(

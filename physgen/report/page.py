@@ -46,8 +46,7 @@ class PageLimits:
 
     photo_quality: int = 90  # of the WebP
     photo_side: int = 16_383  # px: WebP's most
-    most_contacts: int = 200
-    """Rows of the table of contacts, the strongest."""
+    most_contacts: int = 200  # rows of the table of contacts, the strongest
 
 
 LIMITS = PageLimits()
@@ -63,10 +62,8 @@ class PageParts:
     player: Data | None = None
     """`player_data`; without it, or without scripts, the page has a picture and the video."""
     perception: Perception | None = None
-    refinement: Comparison | None = None
-    """A frame before and after."""
-    uncertainty: dict[str, Any] | None = None
-    """Variables of `fan.html.j2`."""
+    refinement: Comparison | None = None  # a frame before and after
+    uncertainty: dict[str, Any] | None = None  # variables of `fan.html.j2`
 
 
 def report_page(

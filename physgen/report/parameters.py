@@ -133,11 +133,9 @@ class Row:
 
     name: str
     label: str
-    kind: str
-    """`dynamic`, `static`, `scripted` or `boundary`."""
+    kind: str  # `dynamic`, `static`, `scripted` or `boundary`
     cells: Mapping[str, Cell]
-    also: str
-    """Sources of other keys."""
+    also: str  # sources of other keys
 
 
 def parameter_rows(scene: Scene, world: World, variant: str | None) -> list[Row]:

@@ -38,15 +38,12 @@ SUPPORT: Colour = (255, 196, 0)
 class Picture:
     """One of the strip."""
 
-    name: str
-    """Short, for ids: `masks`."""
+    name: str  # short, for ids: `masks`
     title: str
     caption: str
     alt: str
-    rgb: U8
-    """(h, w, 3) sRGB."""
-    uri: str
-    """`data:image/webp;base64,...`."""
+    rgb: U8  # (h, w, 3) sRGB
+    uri: str  # `data:image/webp;base64,...`
 
     @property
     def width(self) -> int:

@@ -40,44 +40,28 @@ Array = NDArray[np.float64]
 class PlayerLimits:
     """Sizes, qualities and rounding of the player's data."""
 
-    largest: int = 1280
-    """px of the background's longer side: twice its size on a page."""
-    quality: int = 86
-    """Of WebP."""
-    keys: int = 9
-    """Moments at which a shadow is computed, at most."""
-    strays: float = 5.0
-    """px by which an object's border may deviate from a straight path between two of them."""
-    balls: int = 90
-    """Of WebP, for the layers of balls."""
-    large: int = 60_000
-    """px² of a ball's box up to which the page's script rotates it, pixel by pixel."""
+    largest: int = 1280  # px of the background's longer side: twice its size on a page
+    quality: int = 86  # of WebP
+    keys: int = 9  # moments at which a shadow is computed, at most
+    strays: float = 5.0  # px by which an object's border may deviate from a straight path between two of them
+    balls: int = 90  # of WebP, for the layers of balls
+    large: int = 60_000  # px² of a ball's box up to which the page's script rotates it, pixel by pixel
     gamma: float = 2.2
     """A shadow's share of linear light, to the power of 1 / gamma, is about that of the sRGB codes in browsers."""
-    faintest: float = 0.012
-    """Of light that a shadow removes, at least."""
-    shadow: int = 72
-    """px of the longer side of a shadow's picture: it is soft."""
-    finer: int = 4
-    """Samples a frame in the player."""
-    few: int = 40_000
-    """Samples times objects of such a closer look."""
+    faintest: float = 0.012  # of light that a shadow removes, at least
+    shadow: int = 72  # px of the longer side of a shadow's picture: it is soft
+    finer: int = 4  # samples a frame in the player
+    few: int = 40_000  # samples times objects of such a closer look
     effort: int = 200_000
     """Steps times objects of a run up to which it is looked at so closely: where it must be run again, some seconds."""
-    most_impacts: int = 500
-    """In a page, the strongest."""
-    most: int = 1_000_000
-    """Samples times objects in a page."""
+    most_impacts: int = 500  # in a page, the strongest
+    most: int = 1_000_000  # samples times objects in a page
     place: float = 1 / 32
     angle: float = 1 / 4096
-    instant: float = 1e-6
-    """px, rad and s: steps to which poses and times are rounded."""
-    turn: float = 1 / 2048
-    """Step of the parts of a quaternion."""
-    codes: int = 8000
-    """Steps of the largest speed, and of the range of an energy."""
-    outline: float = 0.05
-    """px to which outlines are rounded."""
+    instant: float = 1e-6  # px, rad and s: steps to which poses and times are rounded
+    turn: float = 1 / 2048  # step of the parts of a quaternion
+    codes: int = 8000  # steps of the largest speed, and of the range of an energy
+    outline: float = 0.05  # px to which outlines are rounded
 
 
 LIMITS = PlayerLimits()

@@ -37,10 +37,8 @@ TIMING = "timing.json"
 class StageTime:
     """What one stage cost."""
 
-    wall: float = 0.0
-    """s."""
-    cpu: float = 0.0
-    """s of all threads."""
+    wall: float = 0.0  # s
+    cpu: float = 0.0  # s of all threads
 
 
 @dataclass
@@ -49,33 +47,25 @@ class RunRecord:
 
     scene: str
     command: list[str]
-    alone: list[str] = field(default_factory=list)
-    """The command that makes this clip and no other."""
+    alone: list[str] = field(default_factory=list)  # the command that makes this clip and no other
     source: str = ""
     """Path of the scene file, relative to the clip's folder."""
-    inputs: dict[str, str] = field(default_factory=dict)
-    """Path relative to the scene's folder -> SHA-256."""
+    inputs: dict[str, str] = field(default_factory=dict)  # path relative to the scene's folder -> SHA-256
     overrides: list[str] = field(default_factory=list)
     variant: str | None = None
     seeds: dict[str, int] = field(default_factory=dict)
     stages: dict[str, StageTime] = field(default_factory=dict)
-    samples: list[str] = field(default_factory=list)
-    """SHA-256 of each trajectory sample."""
-    frames: list[str] = field(default_factory=list)
-    """SHA-256 of each frame's RGB bytes."""
-    video: dict[str, Any] = field(default_factory=dict)
-    """`size`: width and height, px; `fps`: 1/s."""
-    files: dict[str, str] = field(default_factory=dict)
-    """Output file -> SHA-256."""
+    samples: list[str] = field(default_factory=list)  # SHA-256 of each trajectory sample
+    frames: list[str] = field(default_factory=list)  # SHA-256 of each frame's RGB bytes
+    video: dict[str, Any] = field(default_factory=dict)  # `size`: width and height, px; `fps`: 1/s
+    files: dict[str, str] = field(default_factory=dict)  # output file -> SHA-256
     sizes: dict[str, int] = field(default_factory=dict)
     """Output file -> bytes: what can be asked of a distant file without reading it."""
     warnings: list[dict[str, object]] = field(default_factory=list)
-    document: Mapping[str, Any] = field(default_factory=dict)
-    """The resolved scene."""
+    document: Mapping[str, Any] = field(default_factory=dict)  # the resolved scene
     effort: dict[str, float] = field(default_factory=dict)
     """What the engine did; see `simulate.trajectory.Effort`."""
-    imbalance: float = 0.0
-    """Relative error of the energy balance; see `Trajectory.imbalance`."""
+    imbalance: float = 0.0  # relative error of the energy balance; see `Trajectory.imbalance`
     fan: dict[str, Any] | None = None
     """What draws of the scene's doubts end in, see `pipeline.fanning`; None where it was not asked for."""
     refine: dict[str, Any] | None = None

@@ -26,15 +26,11 @@ MOST_KEYS = 24
 class SweptKey:
     """One key in which clips differ."""
 
-    path: str
-    """As `--set` takes it: `objects.*.mass`."""
-    name: str
-    """As short as is unambiguous: `mass`, `ball mass`, `impulse x`."""
+    path: str  # as `--set` takes it: `objects.*.mass`
+    name: str  # as short as is unambiguous: `mass`, `ball mass`, `impulse x`
     unit: str
-    values: tuple[Value | None, ...]
-    """One per clip; None where it is not known."""
-    follows: bool
-    """It splits the clips exactly as an earlier key does, as gravity follows the scale."""
+    values: tuple[Value | None, ...]  # one per clip; None where it is not known
+    follows: bool  # it splits the clips exactly as an earlier key does, as gravity follows the scale
 
     @property
     def numeric(self) -> bool:

@@ -24,15 +24,12 @@ class SectionLimits:
     """What the section shows at most."""
 
     widest: int = 1000
-    quality: int = 80
-    """px of the photo below the paths, and of its JPEG."""
+    quality: int = 80  # px of the photo below the paths, and of its JPEG
     most_draws: int = 64
     most_points: int = 100_000
     """Draws whose paths are drawn, and points of all paths; further draws are left out."""
-    path_error: float = 0.25
-    """px of a canvas 640 px wide by which a drawn path may deviate."""
-    visible: float = 0.01
-    """Of the canvas's longer side: shorter paths are not drawn."""
+    path_error: float = 0.25  # px of a canvas 640 px wide by which a drawn path may deviate
+    visible: float = 0.01  # of the canvas's longer side: shorter paths are not drawn
 
 
 LIMITS = SectionLimits()

@@ -78,10 +78,8 @@ def _short(text: str) -> str:
 class Source:
     """What a value was written in: a file, or a flag of the command line."""
 
-    name: str
-    """As messages show it: the path as given, or `--set KEY=VALUE`."""
-    folder: Path
-    """Where the paths written in it start."""
+    name: str  # as messages show it: the path as given, or `--set KEY=VALUE`
+    folder: Path  # where the paths written in it start
 
 
 @dataclass(slots=True, eq=False, repr=False)

@@ -35,11 +35,9 @@ _SURE = re.compile(r"^(.*?)\s*(?<![\d.])(0(?:\.\d+)?|1(?:\.0+)?)$")
 class Source:
     """Where a number comes from."""
 
-    kind: str
-    """`flag`, `variant`, `guess`, `file`, `default` or `computed`."""
+    kind: str  # `flag`, `variant`, `guess`, `file`, `default` or `computed`
     text: str
-    sure: float | None = None
-    """0..1."""
+    sure: float | None = None  # 0..1
 
 
 def source(text: str) -> Source:

@@ -33,21 +33,17 @@ BREAK = re.compile("\r\n|[\n\r\x85\u2028\u2029]")
 class Marked:
     """One value. `begin` and `end` are indices into the text; of a block, `end` is the end of its last value."""
 
-    kind: type
-    """`dict`, `list`, or `str` for any scalar."""
-    is_flow: bool
-    """Whether it is written in brackets."""
+    kind: type  # `dict`, `list`, or `str` for any scalar
+    is_flow: bool  # whether it is written in brackets
     begin: int
     end: int
     column: int
-    value: Any = None
-    """Of a scalar."""
+    value: Any = None  # of a scalar
     style: str = ""
     """Of a scalar: `""` plain, or its quote, `|` or `>`."""
     keys: list[tuple[str, int, int]] = field(default_factory=list)
     """Of a mapping: each key, and where it stands."""
-    children: list[Marked] = field(default_factory=list)
-    """Values of a mapping, or items."""
+    children: list[Marked] = field(default_factory=list)  # values of a mapping, or items
 
     def place(self, key: str | int) -> int | None:
         """Index of the child at a key or an index; None where there is none."""

@@ -25,8 +25,7 @@ class CollisionTuning:
     """Limits and tolerances of the impact solver."""
 
     sweeps: int = 300
-    few: int = 30
-    """Passes over points that close together, at most; few in a heap of hundreds."""
+    few: int = 30  # passes over points that close together, at most; few in a heap of hundreds
     rounds: int = 400
     """Impacts in a row within one instant; what still closes then is left to the engine, as if it did not bounce."""
     faint: float = 1e-4
@@ -38,10 +37,8 @@ class CollisionTuning:
     per_second: float = 1e6
     """Passes over points that close together in a run, at most, and more a second of the scene: 30 times what the
     bundled scenes need. Beyond it each step has one round: a ton on a saucer cannot keep a run for hours."""
-    crowd: int = 500
-    """Contact points of a heap."""
-    together: float = 0.02
-    """Part of a step within which two contacts of one body count as simultaneous."""
+    crowd: int = 500  # contact points of a heap
+    together: float = 0.02  # part of a step within which two contacts of one body count as simultaneous
 
 
 TUNING = CollisionTuning()
@@ -167,33 +164,24 @@ def _swept(
 class Impacts:
     """What the impacts of one step did."""
 
-    velocity: Array
-    """(N, 3): px/s, px/s, rad/s after the last."""
+    velocity: Array  # (N, 3): px/s, px/s, rad/s after the last
     shift: Array
     """(N, 3): how far the impacts, having fallen within the step, move the bodies at its end: px, px, rad."""
-    first: Index
-    """(B,): the struck pairs."""
+    first: Index  # (B,): the struck pairs
     second: Index
-    impulse: Array
-    """(B, 2) g·px/s that the second gave the first."""
-    earlier: Array
-    """(B,) s before the end of the step."""
-    lost: float
-    """g·px²/s² that went into elasticity below 1 and friction."""
-    work: float
-    """g·px²/s² that scripted bodies did."""
+    impulse: Array  # (B, 2) g·px/s that the second gave the first
+    earlier: Array  # (B,) s before the end of the step
+    lost: float  # g·px²/s² that went into elasticity below 1 and friction
+    work: float  # g·px²/s² that scripted bodies did
 
 
 @dataclass(frozen=True)
 class StepMotion:
     """How N bodies and walls move in one step, before contacts."""
 
-    pose: Array
-    """(N, 3) at the step's end."""
-    velocity: Array
-    """(N, 3) within the step."""
-    drift: Array
-    """(N, 2) px/s²: acceleration of what flies freely, 0 for the rest."""
+    pose: Array  # (N, 3) at the step's end
+    velocity: Array  # (N, 3) within the step
+    drift: Array  # (N, 2) px/s²: acceleration of what flies freely, 0 for the rest
 
 
 class ImpactSolver:

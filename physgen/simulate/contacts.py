@@ -39,10 +39,8 @@ class Brakes:
     """What brakes in a step, by its contacts."""
 
     pairs: list[Pair]
-    array: NDArray[np.int64]
-    """(B, 2): the same."""
-    by: list[tuple[float, list[int]]]
-    """px and contacts, as listed, of each: the lever of the normal forces."""
+    array: NDArray[np.int64]  # (B, 2): the same
+    by: list[tuple[float, list[int]]]  # px and contacts, as listed, of each: the lever of the normal forces
 
 
 class Order:
@@ -90,20 +88,14 @@ NO_CONTACTS = Order(np.zeros((0, WORDS), np.int64))
 class Touching:
     """K pairs of shapes that touch; objects count the bodies first, then the walls."""
 
-    first: Index
-    """(K,)."""
+    first: Index  # (K,)
     second: Index
-    count: Index
-    """(K,): 1 or 2 points."""
-    impulse: Array
-    """(K, 2) g·px/s that the second gave the first in the last step."""
-    normal: Array
-    """(K, 2): from the first to the second."""
-    on_first: Array
-    """(K, 2, 2) px: the points, on the first's surface; those beyond `count` are zeros."""
+    count: Index  # (K,): 1 or 2 points
+    impulse: Array  # (K, 2) g·px/s that the second gave the first in the last step
+    normal: Array  # (K, 2): from the first to the second
+    on_first: Array  # (K, 2, 2) px: the points, on the first's surface; those beyond `count` are zeros
     on_second: Array
-    depth: Array
-    """(K, 2) px of overlap."""
+    depth: Array  # (K, 2) px of overlap
 
 
 def touching(words: bytes, numbers: bytes) -> Touching:
@@ -171,18 +163,14 @@ def contacts_jumped(now: bytes, before: bytes, places: Array) -> bool:
 class Points:
     """P contact points of the K pairs of shapes that touch at a step's end."""
 
-    row: Index
-    """(P,): its pair."""
+    row: Index  # (P,): its pair
     first: Index
     second: Index
-    normal: Array
-    """(P, 2): from the first to the second."""
-    on_first: Array
-    """(P, 2) px."""
+    normal: Array  # (P, 2): from the first to the second
+    on_first: Array  # (P, 2) px
     on_second: Array
     depth: Array
-    closing: Array
-    """(P,) px/s at which they close, by velocities before contacts."""
+    closing: Array  # (P,) px/s at which they close, by velocities before contacts
 
     def sorted(self) -> Points:
         """By objects, pairs of shapes and place: the first two sorted already."""
@@ -216,15 +204,11 @@ class Points:
 class ContactProperties:
     """What the N bodies and walls bring to an impact; the mass and moment of whatever is not dynamic is infinite."""
 
-    lightness: list[float]
-    """1/g."""
-    ease: list[float]
-    """1/(g·px²)."""
-    friction: list[float]
-    """Factors; a pair's coefficient is their product."""
+    lightness: list[float]  # 1/g
+    ease: list[float]  # 1/(g·px²)
+    friction: list[float]  # factors; a pair's coefficient is their product
     elasticity: list[float]
-    radius: list[float]
-    """px; NaN where it is not a circle."""
+    radius: list[float]  # px; NaN where it is not a circle
 
 
 @dataclass(slots=True)
@@ -234,24 +218,20 @@ class Point:
     a: int
     b: int
     nx: float
-    ny: float
-    """From a to b; (-ny, nx) is along the surface."""
+    ny: float  # from a to b; (-ny, nx) is along the surface
     earlier: float
-    own: bool
-    """Whether it closed by the motion before all impacts."""
+    own: bool  # whether it closed by the motion before all impacts
     ma: float
     mb: float
     ea: float
     eb: float
     na: float
-    nb: float
-    """Levers of the normal and of the tangent about both centres."""
+    nb: float  # levers of the normal and of the tangent about both centres
     ta: float
     tb: float
     nn: float
     nt: float
-    tt: float
-    """Change of closing and sliding speed by a unit of impulse."""
+    tt: float  # change of closing and sliding speed by a unit of impulse
     elasticity: float
     friction: float
 

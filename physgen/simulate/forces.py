@@ -48,8 +48,7 @@ def stiffest_spring(world: World) -> tuple[float, str]:
 class EnergyEvent:
     """What happened to the energy at one time, g·px²/s²."""
 
-    time: float
-    """s."""
+    time: float  # s
     lost: float
     work: float
 
@@ -90,12 +89,9 @@ class Impulses:
 class LoadSum:
     """Loads on the N bodies, each (N, 3): g·px/s², g·px/s², g·px²/s²."""
 
-    hold: Array
-    """Has a potential: springs, attractors."""
-    drive: Array
-    """Does work: pushes, wind."""
-    spend: Array
-    """Takes energy out: dampers."""
+    hold: Array  # has a potential: springs, attractors
+    drive: Array  # does work: pushes, wind
+    spend: Array  # takes energy out: dampers
 
 
 class ForceFields:
@@ -232,12 +228,9 @@ class Forces(NamedTuple):
     """Lasting forces of one step, each (N, 3): g·px/s², g·px/s², g·px²/s²."""
 
     total: Array
-    drive: Array | None
-    """The part that does work."""
-    spend: Array | None
-    """The part that takes energy out."""
-    rolled: Array | None
-    """(N, 2) rad/s: change of the spheres' roll on the table."""
+    drive: Array | None  # the part that does work
+    spend: Array | None  # the part that takes energy out
+    rolled: Array | None  # (N, 2) rad/s: change of the spheres' roll on the table
 
 
 class StepForces:

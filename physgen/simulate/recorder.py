@@ -151,24 +151,16 @@ NOT_BRAKED = np.zeros((0, 2), np.int64), list[float]()
 class Step:
     """One step as it was read."""
 
-    time: float
-    """s, of its end."""
-    h: float
-    """s."""
+    time: float  # s, of its end
+    h: float  # s
     states: bytes
-    order: Order
-    """Of its contacts."""
-    numbers: bytes
-    """Of them, as they are listed."""
-    before: Array | None
-    """(M, 3): velocities within the step; None: as the step before left them."""
-    original: Array | None
-    """(M, 3): the same before impacts changed them; None without impacts."""
+    order: Order  # of its contacts
+    numbers: bytes  # of them, as they are listed
+    before: Array | None  # (M, 3): velocities within the step; None: as the step before left them
+    original: Array | None  # (M, 3): the same before impacts changed them; None without impacts
     impacts: list[Impacts]
-    load: Forces | None
-    """Lasting forces in it."""
-    driven: float
-    """g·px²/s² that motors did."""
+    load: Forces | None  # lasting forces in it
+    driven: float  # g·px²/s² that motors did
     braked: tuple[Index, list[float]]
     """(B, 2) and g·px²/s: angular impulses between bodies, or the world, -1, by rolling resistance."""
     kicks: list[EnergyEvent]
@@ -179,14 +171,11 @@ class Recorder:
     """Books of a run."""
 
     world: World
-    moving: Index
-    """(M,): bodies that states list."""
+    moving: Index  # (M,): bodies that states list
     loads: ForceFields
     scripts: ScriptedMotion
-    times: Array
-    """(T,) s to sample at."""
-    motion_only: bool = False
-    """Whether contacts and energy are left out: their samples are empty, or zeros."""
+    times: Array  # (T,) s to sample at
+    motion_only: bool = False  # whether contacts and energy are left out: their samples are empty, or zeros
     log: ContactLog = field(init=False)
 
     def __post_init__(self) -> None:

@@ -22,8 +22,7 @@ class StepTuning:
 
     share: float = 0.3
     """Part of its own smallest extent that a body may move in a step: its middle never crosses a line unseen."""
-    most_parts_of_fast: int = 4096
-    """Parts of a step."""
+    most_parts_of_fast: int = 4096  # parts of a step
     parts_at_once: int = 10_000
     parts_a_step: int = 100
     """Parts that a run may spend, and more for each step: a corner that reaches far out would take hours otherwise."""
@@ -31,16 +30,11 @@ class StepTuning:
     many: int = 60
     most: int = 120
     """Sweeps of the contact solver a step: at least; where shapes overlap, impacts fell or joints hold; at most."""
-    work: int = 50_000
-    """Sweeps times contacts of a step: heaps of hundreds get fewer sweeps."""
-    slack: float = 0.02
-    """Closing speed that a step may leave, in units of gravity x step."""
-    deep: float = 0.02
-    """px of overlap that is pushed apart with more sweeps."""
-    rest: float = 3.0
-    """Speed, in units of gravity x step, below which contacts do not bounce."""
-    still: float = 0.01
-    """px/s below which contacts do not bounce where there is no gravity."""
+    work: int = 50_000  # sweeps times contacts of a step: heaps of hundreds get fewer sweeps
+    slack: float = 0.02  # closing speed that a step may leave, in units of gravity x step
+    deep: float = 0.02  # px of overlap that is pushed apart with more sweeps
+    rest: float = 3.0  # speed, in units of gravity x step, below which contacts do not bounce
+    still: float = 0.01  # px/s below which contacts do not bounce where there is no gravity
     busy: float = 6.0
     """Impacts a step above which ever faster contacts no longer bounce, up to `loudest` x the speed of rest: 94 px/s at
     980 px/s², which is where Box2D always stops bounces (1 m/s, at 100 px/m)."""

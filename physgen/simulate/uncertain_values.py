@@ -45,13 +45,10 @@ NORMAL = NormalDist()
 class Spread:
     """Distribution of a positive number up to `most`, or, with `logit`, of one between 0 and 1."""
 
-    median: float
-    """Before truncation."""
-    sigma: float
-    """Standard deviation of the logarithm, or of the logarithm of the odds."""
+    median: float  # before truncation
+    sigma: float  # standard deviation of the logarithm, or of the logarithm of the odds
     most: float = inf
-    at_least: bool = False
-    """Only the part above the median."""
+    at_least: bool = False  # only the part above the median
     logit: bool = False
 
     def at(self, z: float) -> float:
@@ -88,19 +85,15 @@ def spread(parameter: str, value: float, confidence: float, at_least: bool = Fal
 class UncertainValue:
     """One value that was guessed."""
 
-    section: str
-    """`objects` or `boundaries`."""
-    name: str
-    """Of the object or boundary."""
+    section: str  # `objects` or `boundaries`
+    name: str  # of the object or boundary
     parameter: str
-    value: float
-    """In the file."""
+    value: float  # in the file
     source: Source
     spread: Spread
     label: str = ""
     """Of the object: what values of one label have in common is drawn once."""
-    alike: float = 0.0
-    """0..1: the part of the variance that all objects of the label share."""
+    alike: float = 0.0  # 0..1: the part of the variance that all objects of the label share
 
     @property
     def path(self) -> str:

@@ -50,10 +50,8 @@ class Fate(IntEnum):
 class Outcome:
     """Outcome of one simulation of B bodies."""
 
-    fates: NDArray[np.int32]
-    """(B,) numbers of `Fate`."""
-    final: Array
-    """(B, 3): px, px, rad at the end."""
+    fates: NDArray[np.int32]  # (B,) numbers of `Fate`
+    final: Array  # (B, 3): px, px, rad at the end
 
 
 @dataclass(frozen=True)
@@ -62,24 +60,15 @@ class Ensemble:
 
     seed: int
     doubts: tuple[UncertainValue, ...]
-    values: Array
-    """(N, P): the draws."""
-    names: tuple[str, ...]
-    """Of bodies."""
-    sizes: Array
-    """(B,) px; see `size`."""
-    times: Array
-    """(K,) s."""
-    poses: Array
-    """(N, K, B, 3): px, px, rad; NaN where a draw could not be simulated."""
-    outcomes: tuple[Outcome | None, ...]
-    """One per draw."""
-    own: Outcome
-    """With the values of the file, which the clip shows."""
-    own_poses: Array
-    """(K, B, 3)."""
-    failures: tuple[Problem, ...] = ()
-    """Why draws could not be simulated, each reason once."""
+    values: Array  # (N, P): the draws
+    names: tuple[str, ...]  # of bodies
+    sizes: Array  # (B,) px; see `size`
+    times: Array  # (K,) s
+    poses: Array  # (N, K, B, 3): px, px, rad; NaN where a draw could not be simulated
+    outcomes: tuple[Outcome | None, ...]  # one per draw
+    own: Outcome  # with the values of the file, which the clip shows
+    own_poses: Array  # (K, B, 3)
+    failures: tuple[Problem, ...] = ()  # why draws could not be simulated, each reason once
 
     @property
     def whole(self) -> list[int]:
@@ -247,18 +236,12 @@ class Verdict:
     """What becomes of one body in all draws."""
 
     name: str
-    counts: Mapping[Fate, int]
-    """Of draws that could be simulated."""
-    event: Fate
-    """The largest fate that occurs."""
-    interval: tuple[float, float]
-    """0..1: of the share of draws in which the event happens."""
-    radius: float
-    """px about the median of its final places within which 9 of 10 lie."""
-    size: float
-    """px; see `uncertainty.size`."""
-    own: Fate
-    """In the clip."""
+    counts: Mapping[Fate, int]  # of draws that could be simulated
+    event: Fate  # the largest fate that occurs
+    interval: tuple[float, float]  # 0..1: of the share of draws in which the event happens
+    radius: float  # px about the median of its final places within which 9 of 10 lie
+    size: float  # px; see `uncertainty.size`
+    own: Fate  # in the clip
 
     @property
     def total(self) -> int:

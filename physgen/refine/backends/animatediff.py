@@ -67,8 +67,7 @@ class Trained:
     """What the weights were trained on, as their configurations say."""
 
     grid: Grid
-    most: int
-    """Frames that the model can see at a time."""
+    most: int  # frames that the model can see at a time
 
 
 class AnimateDiff:
@@ -155,8 +154,7 @@ class Run:
     schedule: Schedule
     guidance: float
     text: Tensor
-    negative: Tensor | None
-    """What shall not be seen; None: the model is not guided."""
+    negative: Tensor | None  # what shall not be seen; None: the model is not guided
 
 
 class Sampler:

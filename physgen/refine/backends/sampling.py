@@ -84,14 +84,10 @@ def _bytes(pipe: Any) -> int:
 class Schedule:
     """The steps that run."""
 
-    name: str
-    """The scheduler's class."""
-    times: torch.Tensor
-    """(count,): the level of noise that each step passes to the model."""
-    noised: Callable[[F32, F32, int], F32]
-    """Latents, noise and step k -> latents as noisy as step k begins."""
-    stepped: Callable[[F32, F32, int], F32]
-    """The model's say, latents and step k -> latents after it."""
+    name: str  # the scheduler's class
+    times: torch.Tensor  # (count,): the level of noise that each step passes to the model
+    noised: Callable[[F32, F32, int], F32]  # latents, noise and step k -> latents as noisy as step k begins
+    stepped: Callable[[F32, F32, int], F32]  # the model's say, latents and step k -> latents after it
 
 
 def ddim(scheduler: Any, steps: int, count: int) -> Schedule:
