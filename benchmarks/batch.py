@@ -48,7 +48,7 @@ sys.exit(code)
 
 def variants(folder: Path, clips: int) -> Path:
     """A scene file that extends the bundled one, with as many variants, each with another push."""
-    edits = {f"v{k:04d}": {"forces[0].impulse": [900 + k, 0]} for k in range(clips)}
+    edits = {f"v{k:04d}": {"forces[0].force": [30000 + k, 0]} for k in range(clips)}
     shutil.copytree(SCENE.parent, folder / "dominoes", dirs_exist_ok=True)
     path = folder / "many" / "many.yaml"
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -117,7 +117,7 @@ def beside(clips: int = 60) -> dict:
             Job(
                 str(SCENE),
                 RenderOptions(
-                    overrides=(*SMALL, f"forces[0].impulse=[{900 + k}, 0]"),
+                    overrides=(*SMALL, f"forces[0].force=[{30000 + k}, 0]"),
                     command=("physgen",),
                     page=Page.NONE,
                     name=f"c{k}",
@@ -184,7 +184,7 @@ def sizes(clips: int = 8) -> list[dict]:
     """Bytes a clip, file by file, the mean of some; reports and pictures of a gallery, too."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        flags = [f"forces[0].impulse[0]=900:{899 + clips}:{clips}", *sets(*SMALL)]
+        flags = [f"forces[0].force[0]=30000:{29999 + clips}:{clips}", *sets(*SMALL)]
 
         def mean(out: str, *files: str) -> int:
             found = [path for file in files for path in (folder / out).glob(file)]

@@ -31,6 +31,7 @@ class _Trial:
     """How candidates for a push are ranked and tried; lengths are parts of the photo's longer side."""
 
     room: float = 0.3  # free way ahead that counts in full
+    beyond: float = 0.1  # weight of the room behind the last object ahead, where that one may fall
     ahead: float = 1.5  # weight of objects ahead, against that of a free way: something is struck
     unsure: float = 0.33  # confidence below which an object is not pushed, as one that is asked to be checked
     tried: int = 3  # candidates that are simulated, at up to a second each
@@ -119,13 +120,16 @@ def _ranked(
         for way in _ways(scene, [body.center for body in bodies], k):
             frame = np.array([way, (-way[1], way[0])])
             low, high = (
-                np.array([end(points @ frame.T, axis=0) for points in corners]) for end in (np.min, np.max)
+                np.array([of(points @ frame.T, axis=0) for points in corners]) for of in (np.min, np.max)
             )
             beside = (np.minimum(high, high[k]) - np.maximum(low, low[k]))[:, 1] > 0.1 * (high - low)[:, 1]
             ahead = [n for n in np.flatnonzero(beside & (low[:, 0] > high[k, 0] - 2)) if n != k]
-            border = max(np.array([[0, 0], scene.size]) @ frame[0]) - bodies[k].center @ frame[0]
-            free = min([border, *(low[n, 0] - high[k, 0] for n in ahead)]) / (TRIAL.room * side)
-            score = min(max(free, 0.0), 1.0) + TRIAL.ahead * (1 - 0.5 ** len(ahead))
+            end = max(np.array([[0, 0], scene.size]) @ frame[0])
+            gaps = end - bodies[k].center @ frame[0], *(low[n, 0] - high[k, 0] for n in ahead)
+            free, beyond = np.clip(
+                np.array([min(gaps), end - high[[k, *ahead], 0].max()]) / (TRIAL.room * side), 0, 1
+            )
+            score = free + TRIAL.beyond * beyond + TRIAL.ahead * (1 - 0.5 ** len(ahead))
             found.append((score * sure.get(item.name, 1.0), -len(found), item, way))
     return [(item, way) for _, _, item, way in sorted(found, key=lambda one: one[:2], reverse=True)]
 

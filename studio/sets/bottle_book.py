@@ -105,13 +105,14 @@ def stage() -> Stage:
 
     def sections(c: Camera) -> dict:
         corner = [round(float(v), 1) for v in c.pixel((AT[0] - BOOK[0] / 2, BOOK[1] - 0.006))]
+        push = {"object": "book", "force": c.push((0.78, 0)), "at": corner, "start": 0.2, "duration": 0.25}
         return {
-            "forces": [{"object": "book", "impulse": c.push((0.09, 0)), "at": corner}],
-            "comments": {"forces": "A finger's push at the top of the book's back."},
+            "forces": [push],
+            "comments": {"forces": "A finger presses at the top of the book's back until it tips."},
             "variants": {
-                "too-gentle": {"forces[0].impulse": c.push((0.03, 0))},
+                "too-gentle": {"forces[0].force": c.push((0.65, 0))},
                 "empty-bottle": {"objects.bottle.mass": 520},
-                "slap": {"forces[0].impulse": c.push((0.3, 0))},
+                "slap": {"forces[0].force": c.push((3, 0)), "forces[0].duration": 0.1},
                 "no-bottle": {"objects.bottle": None},
             },
         }
@@ -125,7 +126,7 @@ def stage() -> Stage:
         scenery,
         lights,
         {"table": Boundary([(-2, 0), (2, 0)], 0.5, 0.2)},
-        duration=1.5,
+        duration=1.8,
         softness=4.5,
         backdrop=0.95,
         exposure=4.2,

@@ -36,13 +36,13 @@ def skins() -> list[dict]:
     ]
 
 
-# name, label, radius m, mass g, elasticity, x m, turn of the skin, spin
+# name, label, radius m, mass g, elasticity, x m, turn of the skin, drift m/s and spin degrees/s from the hand
 BALLS = [
-    ("super-ball", "super ball", 0.024, 58, 0.90, -0.288, (30, 20, 0), 0),
-    ("red-ball", "red rubber ball", 0.037, 95, 0.78, -0.170, (0, 28, 14), 25),
-    ("two-tone-ball", "blue and white rubber ball", 0.031, 110, 0.64, -0.038, (15, -34, 0), -40),
-    ("foam-ball", "foam rubber ball", 0.035, 30, 0.48, 0.092, (70, 0, 30), 0),
-    ("clay-ball", "clay-like rubber ball", 0.028, 150, 0.25, 0.212, (60, 40, 0), 0),
+    ("super-ball", "super ball", 0.024, 58, 0.90, -0.288, (30, 20, 0), -0.009, 160),
+    ("red-ball", "red rubber ball", 0.037, 95, 0.78, -0.170, (0, 28, 14), -0.018, 170),
+    ("two-tone-ball", "blue and white rubber ball", 0.031, 110, 0.64, -0.038, (15, -34, 0), 0.033, -220),
+    ("foam-ball", "foam rubber ball", 0.035, 30, 0.48, 0.092, (70, 0, 30), -0.022, 200),
+    ("clay-ball", "clay-like rubber ball", 0.028, 150, 0.25, 0.212, (60, 40, 0), -0.018, 140),
 ]
 
 
@@ -63,10 +63,10 @@ def leaves(spot: tuple[float, float], count: int, seed: int) -> Mesh:
 def stage() -> Stage:
     camera = Camera("side", height=0.76, centre=(0, 0.235), rise=(0.05, 0.36), aperture=0.022)
     things = []
-    for skin, (name, label, radius, mass, elasticity, x, turn, spin) in zip(skins(), BALLS, strict=True):
+    for skin, (name, label, radius, mass, elasticity, x, turn, drift, spin) in zip(skins(), BALLS, strict=True):
         lie = T().rotate([0, 1, 0], turn[1]).rotate([1, 0, 0], turn[2]).rotate([0, 0, 1], turn[0])
         ball, at = sphere(radius, skin, lie), (x, DROP + radius)
-        more = {"solid": "sphere", "rolling": 0.01, "velocity": (0, -0.3)} | ({"spin": spin} if spin else {})
+        more = {"solid": "sphere", "rolling": 0.01, "velocity": (drift, -0.3), "spin": spin}
         things.append(Thing(name, label, [ball], {"circle": radius}, at, mass, 0.7, elasticity, **more))
     ground = matt(texture(court(2048, 2048, 3.2, 8)[::-1].copy()))
     paint, relief = limewash(2048, 2.4, 4)
@@ -83,7 +83,6 @@ def stage() -> Stage:
 
     def sections(c: Camera) -> dict:
         return {
-            "render": {"frames": 165, "fps": 30},
             "variants": {
                 "tossed": {"objects.*.velocity": c.shift((0.25, 0.7)), "objects.*.spin": -360},
                 "moon": {"world.gravity": c.shift((0, -1.62))},
@@ -98,14 +97,14 @@ def stage() -> Stage:
 
     return Stage(
         "rubber-balls",
-        "Five rubber balls, let go at once, here 42 cm up and already falling: they fall side by side, and then each is itself.\n"
+        "Five rubber balls, let go at once, here 42 cm up and already falling, each turning a little: side by side, and then each is itself.\n"
         "A ball comes back up to elasticity squared of the height: 34 cm for the super ball, 3 cm for the clay.",
         camera,
         things,
         scenery,
         lights,
         {"ground": Boundary([(-3, 0), (3, 0)], 1.0, 1.0)},
-        duration=5.5,
+        duration=4.6,
         softness=0.5,
         sun=tuple(SUN),
         backdrop=0.5,

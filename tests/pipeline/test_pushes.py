@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from math import cos, radians, sin
 from pathlib import Path
 
@@ -45,6 +46,18 @@ def test_a_row_of_dominoes_is_pushed_at_its_end_and_falls(row: Path) -> None:
     pushed = pipeline.load(row, [f"objects.{push.name}.velocity=[{push.velocity[0]}, 0]"])
     angles = pipeline.simulate(pipeline.compile(pushed, None).world).poses[-1, :, 2]
     assert (np.degrees(angles) > 40).all()
+
+
+@pytest.mark.parametrize(("first", "way"), [(32, 1), (258, -1)])
+def test_the_last_of_a_row_falls_inside_the_picture(first: int, way: int, tmp_path: Path) -> None:
+    """The row stands at a border of the photo: pushed the other way it falls out of it."""
+    path = tmp_path / "scene.yaml"
+    path.write_text(re.sub(r"\[(\d+), 120\]", lambda m: f"[{int(m[1]) - 100 + first}, 120]", ROW))
+    scene = pipeline.load(path)
+    push = default_push(scene, shapes_of(scene, None), {})
+    assert push is not None
+    assert push.name == ("domino-0" if way > 0 else "domino-5")
+    assert push.velocity[0] * way > 0
 
 
 def test_a_ball_with_a_run_up_breaks_the_others(tmp_path: Path) -> None:
