@@ -123,11 +123,11 @@ def _ranked(
                 np.array([of(points @ frame.T, axis=0) for points in corners]) for of in (np.min, np.max)
             )
             beside = (np.minimum(high, high[k]) - np.maximum(low, low[k]))[:, 1] > 0.1 * (high - low)[:, 1]
-            ahead = [n for n in np.flatnonzero(beside & (low[:, 0] > high[k, 0] - 2)) if n != k]
+            ahead = [n for n in np.flatnonzero(beside & (low[:, 0] > high[k, 0] - 2)).tolist() if n != k]
             end = max(np.array([[0, 0], scene.size]) @ frame[0])
             gaps = end - bodies[k].center @ frame[0], *(low[n, 0] - high[k, 0] for n in ahead)
             free, beyond = np.clip(
-                np.array([min(gaps), end - high[[k, *ahead], 0].max()]) / (TRIAL.room * side), 0, 1
+                np.array([min(gaps), end - max(high[n, 0] for n in (k, *ahead))]) / (TRIAL.room * side), 0, 1
             )
             score = free + TRIAL.beyond * beyond + TRIAL.ahead * (1 - 0.5 ** len(ahead))
             found.append((score * sure.get(item.name, 1.0), -len(found), item, way))

@@ -83,6 +83,33 @@ def board(first: int, last: int) -> Desk:
     return desk
 
 
+def test_balls_whose_masks_are_off_stand_on_one_level_floor():
+    """The mask of the last one has 3 px of the shelf; as it lay lower, it had a ledge of its own, without an end."""
+    desk = Desk(horizon=H)
+    desk.rgb[220:232, 40:330] = (40, 40, 45)
+    for k, y in enumerate((220.0, 220.4, 219.7, 220.1, 223.0)):
+        desk.ball(70 + 55 * k, y, 22)
+    walls = desk.walls()
+    assert set(walls) == {"bottom", "floor"}
+    assert np.ptp(walls["floor"][:, 1]) == 0
+    assert walls["floor"][[0, -1], 0] == pytest.approx([39.5, 329.5], abs=2)
+    for thing in desk.things:
+        assert -GAP <= penetration(walls["floor"], thing) <= 1e-6
+
+
+def test_balls_that_touch_stay_where_they_are():
+    """Moved onto one line they would enter each other."""
+    desk = Desk()
+    for x, y in ((100.0, 220.0), (140.0, 221.0), (200.0, 220.2), (260.0, 220.0)):
+        desk.ball(x, y, 20)
+    before = [t.outline for t in desk.things]
+    desk.walls()
+    moved = [
+        not np.array_equal(t.outline.center, was.center) for t, was in zip(desk.things, before, strict=True)
+    ]
+    assert moved[:2] == [False, False]
+
+
 @pytest.mark.parametrize(("first", "last"), [(110, W), (0, 330), (110, 330), (0, W)])
 def test_a_board_ends_where_its_edge_does(first: int, last: int):
     """A ball pushed off it must fall, not stand on air."""

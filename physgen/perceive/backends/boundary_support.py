@@ -25,6 +25,7 @@ from physgen.perceive.support.ground_contact import (
     find_foot,
     fit_rectangles,
     floor_points,
+    free_discs,
     group_feet,
     is_carried,
     level_feet,
@@ -121,9 +122,10 @@ def lay_floors(
 ) -> SupportedObjects:
     """Objects with level feet, and floors that touch them; `solid` tells their ends from depth where it can."""
     outlines: dict[int, Outline] = {}
-    groups = [part for line, group in groups for part in split_group(line, group)]
+    free = free_discs(objects)
+    groups = [part for line, group in groups for part in split_group(line, group, free)]
     for line, group in groups:
-        outlines |= level_feet(line, group)
+        outlines |= level_feet(line, group, free)
     objects = [replace(t, outline=outlines.get(t.id, t.outline)) for t in objects]
     # a box stands level
     askew = {t.id for t in objects if t.id in outlines and abs(find_foot(t).slope) > ROUNDING}

@@ -6,7 +6,7 @@ it is in the photo: on the edge of its convex hull that its centre of mass is ab
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import radians, sin
@@ -324,18 +324,24 @@ def _height(foot: Foot) -> float:
     return float(foot.hull[:, 1].max()) - lift * stands_flat(foot)
 
 
-def split_group(line: Line, group: Sequence[Foot]) -> list[tuple[Line, list[Foot]]]:
+def free_discs(objects: Sequence[PhotoObject]) -> frozenset[int]:
+    """Ids of round objects that touch no other object: their masks, not they, are off the line that others share."""
+    discs = {item.id for item in objects if isinstance(item.outline, Disc)}
+    return frozenset(discs - _touching(objects))
+
+
+def split_group(line: Line, group: Sequence[Foot], free: Collection[int]) -> list[tuple[Line, list[Foot]]]:
     """The feet of a group that stand on one line, level unless most show its slope; each other foot by itself.
 
     One floor for all of them would be a chain of humps: as the floor is flat, the masks are wrong, or those objects
-    stand nearer or farther.
+    stand nearer or farther. Objects `free` follow the line, as those with flat feet do.
     """
     if abs(line.slope) > STEEP or _askew(line, group):
         return [(line, list(group))]
-    level, tilted = (_near_line(group, slope, LEVEL.alike)[1] for slope in (0.0, line.slope))
+    level, tilted = (_near_line(group, slope, free, LEVEL.alike)[1] for slope in (0.0, line.slope))
     # one object alone shows no slope
     slope = line.slope if len(tilted) >= len(level) + 2 else 0.0
-    stood, kept = _near_line(group, slope, LEVEL.askew, LEVEL.nearer)
+    stood, kept = _near_line(group, slope, free, LEVEL.askew, LEVEL.nearer)
     alone = [f for f in group if len(kept) < 2 or f not in kept]
     return [(stood, kept)] * (len(kept) > 1) + [(Line(0.0, round(_height(f), 2)), [f]) for f in alone]
 
@@ -346,27 +352,31 @@ def _askew(line: Line, group: Sequence[Foot]) -> bool:
 
 
 def _near_line(
-    group: Sequence[Foot], slope: float, within: float, lower: float | None = None
+    group: Sequence[Foot], slope: float, free: Collection[int], within: float, lower: float | None = None
 ) -> tuple[Line, list[Foot]]:
-    """The line of a slope through most of a group, and those within `within` px of it, or flat and down to `lower`."""
+    """The line of a slope through most of a group, and those within `within` px of it, or that follow it and down to
+    `lower`."""
     off = np.array([_height(foot) - slope * float(foot.lowest[0]) for foot in group])
     line = Line(slope, round(float(np.median(off)), 2))
-    flat = np.array([stands_flat(foot) for foot in group])
-    # a flat foot nearer to the camera is lower, and can be lifted; round objects stand where they are
-    most = np.where(flat, within if lower is None else lower, within)
+    follows = np.array([foot.item.id in free or stands_flat(foot) for foot in group])
+    # a flat foot nearer to the camera is lower, and can be lifted
+    most = np.where(follows, within if lower is None else lower, within)
     near = (off - line.height >= -within) & (off - line.height <= most)
-    # a foot that is not flat cannot be made to follow the line
     ends = np.array([[f.left[1] - line.at(f.left[0]), f.right[1] - line.at(f.right[0])] for f in group])
-    near &= flat | (np.abs(ends).max(axis=1) <= LEVEL.alike)
+    near &= follows | (np.abs(ends).max(axis=1) <= LEVEL.alike)
     return line, [foot for foot, here in zip(group, near, strict=True) if here]
 
 
-def level_feet(line: Line, group: Sequence[Foot]) -> dict[int, Outline]:
-    """Outlines with feet straight on the line of a group, by id, of those that stand flat, or as steep as it."""
+def level_feet(line: Line, group: Sequence[Foot], free: Collection[int]) -> dict[int, Outline]:
+    """Outlines with feet straight on the line of a group, by id, of those that stand flat, or as steep as it; `free`
+    ones are moved up or down to it."""
     result: dict[int, Outline] = {}
     for foot in group:
         outline, steep = foot.item.outline, abs(line.slope) > STEEP
         follows = abs(foot.slope - line.slope) <= AGREE if steep else stands_flat(foot)
+        if isinstance(outline, Disc) and foot.item.id in free and line.slope == 0 and len(group) > 1:
+            x, r = float(outline.center[0]), outline.radius
+            result[foot.item.id] = Disc(np.array([x, line.height - r]), r)
         if isinstance(outline, Disc) or not follows or (_askew(line, group) and not steep):
             continue
         rise = abs(float(foot.right[1] - foot.left[1]))
@@ -428,11 +438,11 @@ def fit_rectangles(objects: Sequence[PhotoObject]) -> dict[int, Outline]:
     Objects that touch share their borders: a rectangle would leave gaps or overlap.
     """
     outlines = [item.outline for item in objects]
-    touching = {k for contact in contacts(outlines, []) for k in (contact.body, contact.other)}
+    touching = _touching(objects)
     result: dict[int, Outline] = {}
     boxes = np.array([bounds(outline) for outline in outlines]).reshape(-1, 4)
     for k, item in enumerate(objects):
-        box = None if k in touching or item.cut else fit_rectangle(item.outline)
+        box = None if item.id in touching or item.cut else fit_rectangle(item.outline)
         if box is not None:
             x0, y0, x1, y1 = bounds(box)
             apart = (boxes[:, :2] > (x1, y1)).any(axis=1) | (boxes[:, 2:] < (x0, y0)).any(axis=1)
@@ -440,6 +450,12 @@ def fit_rectangles(objects: Sequence[PhotoObject]) -> dict[int, Outline]:
             if all(overlap_depth(box, other) <= BOX.overlap for other in near):
                 result[item.id] = box
     return result
+
+
+def _touching(objects: Sequence[PhotoObject]) -> set[int]:
+    """Ids of objects that touch others."""
+    found = contacts([item.outline for item in objects], [])
+    return {objects[k].id for contact in found for k in (contact.body, contact.other)}
 
 
 def fit_rectangle(outline: Outline) -> Region | None:
