@@ -84,15 +84,16 @@ def perceive(
     renames: Sequence[str] = (),
     crew: Backends | None = None,
     asked: Sequence[str] = (),
-    view: View | None = None,
+    view: View | BoundaryGuess | None = None,
     pixels_per_meter: float | None = None,
     progress: Progress = silent,
 ) -> PerceivedScene:
     """Perceives a photo; `found` None: segment it.
 
     `renames` are `NAME=TEXT`: NAME is the name that an object would have without, its mask id, or a pattern
-    (`ball-*`). `crew` fills the roles; `asked` are the nouns to search for, for segmenters that take nouns.
-    `pixels_per_meter` is the photo's true scale, where the user knows it. Raises InputError where no scene can be made.
+    (`ball-*`). `crew` fills the roles; `asked` are the nouns to search for, for segmenters that take nouns. `view` is
+    the user's, or as it was perceived before, with its confidence and reason. `pixels_per_meter` is the photo's true
+    scale, where the user knows it. Raises InputError where no scene can be made.
     """
     check_size(rgb)
     run = _Run(rgb, crew or Backends(), progress)
@@ -160,7 +161,8 @@ def perceive(
             rgb=rgb, labels=labels, coverage=coverage, background=background, clean=clean, shadows=shadows.owners,
             depth=depth, normals=normals, albedo=intrinsics.albedo, shading=intrinsics.shading,
         )  # fmt: skip
-        return run.signed(PerceivedScene(percepts, scene, comments, warnings, suitability=suits))
+        reason = document.provenance(boundaries.reason, boundaries.confidence)
+        return run.signed(PerceivedScene(percepts, scene, comments, warnings, (), suits, reason))
 
 
 def check_size(rgb: Rgb, file: str = "the photo") -> None:
@@ -241,7 +243,11 @@ class _Run:
         return matter, max(scales, key=lambda one: one.confidence, default=None)
 
     def find_boundaries(
-        self, found: Detections, objects: Sequence[PhotoObject], view: View | None, scenery: Scenery | None
+        self,
+        found: Detections,
+        objects: Sequence[PhotoObject],
+        view: View | BoundaryGuess | None,
+        scenery: Scenery | None,
     ) -> tuple[BoundaryGuess, Any, Any]:
         """View and walls, with depth and normals where they were needed (else None)."""
         extra: dict[str, Any] = {"scenery": scenery}
@@ -250,7 +256,10 @@ class _Run:
             extra["depth"] = self.role("depth", self.rgb)
         if "normals" in needed:
             extra["normals"] = self.role("normals", self.rgb, found.labels, objects, UNKNOWN)
-        guess: BoundaryGuess = self.role("boundary", self.rgb, found.labels, objects, view, **extra)
+        known = view.view if isinstance(view, BoundaryGuess) else view
+        guess: BoundaryGuess = self.role("boundary", self.rgb, found.labels, objects, known, **extra)
+        if isinstance(view, BoundaryGuess):
+            guess = replace(guess, confidence=view.confidence, reason=view.reason)
         depth = None if self.crew.name("depth") == "none" else extra.get("depth")
         return guess, depth, extra.get("normals")
 

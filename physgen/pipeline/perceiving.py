@@ -267,14 +267,15 @@ def refresh(
     """
     from physgen.compile.compile import compile_scene
     from physgen.perceive import refresh as old_and_new
-    from physgen.perceive.document import relabel_objects, summary, write_scene
+    from physgen.perceive.document import relabel_objects, summary, value_at, write_scene
     from physgen.perceive.perceive import fit_objects
     from physgen.perceive.perceive import perceive as run
-    from physgen.perceive.roles import Name
+    from physgen.perceive.roles import Name, Suitability
     from physgen.perceive.segment.prompts import Segmenter
     from physgen.photos import read_photo
     from physgen.pipeline.stages import percepts
     from physgen.registry import Backends
+    from physgen.scene.files import equal, recorded
     from physgen.scene.load import load, raw_document
     from physgen.scene.provenance import follows_scale
 
@@ -288,14 +289,16 @@ def refresh(
     kept = compile_scene(scene, None if maps is None else maps.labels).labels
     photo = read_photo(scene.image)
     find = Segmenter(crew, options.asked)
-    begun = old_and_new.start_refresh(photo.rgb, scene.objects, kept, options.boxes, options.points, find)
+    own = raw_document(path, options.allow_outside)
+    old = old_and_new.with_sources(own, scene)
+    begun = old_and_new.start_refresh(
+        photo.rgb, scene.objects, old, kept, options.boxes, options.points, find
+    )
     crew.release("segment")
     for name in begun.gone:
         expected = "is part of what was pointed at and has gone"
         fix = "leave the box or point out if it should stay"
         warn(Problem(Place(str(path)), f"objects.{name}", "", expected, fix, Severity.WARNING))
-    own = raw_document(path, options.allow_outside)
-    old = old_and_new.with_sources(own, scene)
     objects = fit_objects(photo.rgb, begun.found)[0]
     called = {i: name for i, name in begun.found.object_names.items() if name in old["objects"]}
     named, renamed = relabel_objects(objects, options.labels, called)
@@ -309,7 +312,7 @@ def refresh(
         photo.rgb,
         replace(begun.found, names=labels, layers=layer_of, gone=gone),
         crew=crew,
-        view=scene.world.view,
+        view=old_and_new.known_view(scene),
         pixels_per_meter=None if scaled else scene.world.pixels_per_meter,
         progress=progress,
     )
@@ -319,7 +322,15 @@ def refresh(
         marked, doubtful = old_and_new.kept_doubtful(old, maps.labels, perceived.percepts.labels, gone)
         if old_and_new.same_objects(scene, maps.labels, marked):
             seen = {**seen, "boundaries": record.world["boundaries"]}
+            if doubts := recorded(scene.assets, "suitability"):
+                suits = Suitability(tuple(map(str, doubts.get("reasons", ()))))
+                perceived = replace(perceived, suitability=suits)
     document = old_and_new.merge_documents(old, seen, begun, new_labels, scaled, record)
+    reasons = {  # of what the scene has as it is seen now
+        key: why
+        for key, why in perceived.comments.items()
+        if "." not in key or equal(value_at(document, key), value_at(seen, key))
+    }
     document, wrote = old_and_new.rescaled(own, document, record, side)
     wrote[""]["boundaries"] = seen["boundaries"]
     if maps is not None:
@@ -330,7 +341,7 @@ def refresh(
         kept_maps = replace(perceived.percepts, labels=marked, clean=clean, depth=depth)
         perceived = replace(perceived, percepts=kept_maps)
     moving = {item.name: {"velocity": list(item.velocity)} for item in scene.objects if any(item.velocity)}
-    perceived = replace(perceived, document=document)
+    perceived = replace(perceived, document=document, comments=reasons)
     if not (options.still or moving or scene.forces):
         perceived = _released(perceived, old["objects"])
     document = perceived.document
@@ -341,7 +352,7 @@ def refresh(
     first, *more = summary(replace(perceived, document={**seen, "objects": told, "doubtful": doubtful}))
     inform("\n".join([f"{path}: {first}", *more]))
     text = None if "extends" in own else path.read_bytes().decode("utf-8-sig")
-    comments = {} if text is None else perceived.comments  # only those of values that are new are written
+    comments = {} if text is None else perceived.comments
     perceived = replace(perceived, comments=comments, wrote=wrote)
     image = scene.image if photo.plain else None
     return write_scene(perceived, image, scene.image.stem, output, options.assets, keep, text, record)
