@@ -26,8 +26,8 @@ class FitTuning:
     """Thresholds of fitted outlines."""
 
     round: float = 0.93
-    """So well, but for a border of half a pixel, a circle of any size covers a mask that it stands for. Of COCO's photos
-    cake, pizza, cups and bananas reach less; balls of 6 px and more reach more in photos of any quality."""
+    """So well, but for half a pixel at its border, a circle covers a mask that it stands for. Of COCO's photos cake,
+    pizza, cups and bananas reach less; balls of 6 px and more reach more in photos of any quality."""
     foot: float = 2.0
     foot_depth: float = 0.065
     """px, and share of its radius, by which a circle sinks below what stands on a flat foot. Masks of balls in tuning
