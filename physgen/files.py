@@ -119,10 +119,9 @@ def write_with_backup(path: Path, data: bytes, keep: Callable[[Path], None] = la
 
 def free_folder(path: Path) -> tuple[Path, Path | None]:
     """The first of `NAME.assets`, `NAME-2.assets`, ... beside a scene that is not there, and the one before."""
-    free, before, number = path.with_name(f"{path.stem}.assets"), None, 1
-    while free.exists():
-        number += 1
-        free, before = path.with_name(f"{path.stem}-{number}.assets"), free
+    before, number = None, 1
+    while (free := path.with_name(f"{path.stem}{f'-{number}' * (number > 1)}.assets")).exists():
+        before, number = free, number + 1
     return free, before
 
 

@@ -437,9 +437,8 @@ def write_scene(
     Raises InputError when the assets would lie outside the scene's folder.
     """
     folder = output.parent if output else Path()
-    copy = None if photo is None or photo.resolve().is_relative_to(folder.resolve()) else photo.name
-    copy = f"{name}.png" if photo is None else copy
-    copy = copy and _free_of_maps(copy)
+    inside = photo is not None and photo.resolve().is_relative_to(folder.resolve())
+    copy = "" if inside else _free_of_maps(f"{name}.png" if photo is None else photo.name)
     heads = ("physgen", "image", "assets", "maps")
     body = {key: value for key, value in perceived.document.items() if key not in heads}
     old: dict[str, Any] = {} if before is None else marked(before).data()
@@ -449,18 +448,12 @@ def write_scene(
 
     def written(assets: Path) -> str:
         """The scene's text with the assets in this folder."""
-        image = photo if copy is None else assets / copy
-        assert image is not None
-        document = {
-            "physgen": 1,
-            "image": _relative(image, folder),
-            "assets": _relative(assets, folder),
-            **body,
-        }
+        image = assets / copy if copy or photo is None else photo
+        head = {"physgen": 1, "image": _relative(image, folder), "assets": _relative(assets, folder)}
         modeline = _relative(assets / SCHEMA, folder)
         if before is None:
-            return scene_text(document, perceived.comments, schema=modeline)
-        text = _rewritten(before, old, document, perceived, known)
+            return scene_text(head | body, perceived.comments, schema=modeline)
+        text = _rewritten(before, old, head | body, perceived, known)
         return re.sub(r"\A# yaml-language-server: .*", f"# yaml-language-server: $schema={modeline}", text)
 
     if assets is None and output is not None and output.is_file():
@@ -479,7 +472,7 @@ def write_scene(
             (assets / file).unlink()  # as it was written: nobody painted in it
     ranges = write_assets(perceived.percepts, assets, keep)
     if photo is None:
-        write_png(assets / str(copy), perceived.percepts.rgb, keep)
+        write_png(assets / copy, perceived.percepts.rgb, keep)
     elif copy and not ((assets / copy).exists() and (assets / copy).samefile(photo)):
         write_with_backup(assets / copy, photo.read_bytes(), keep)
     write_with_backup(assets / OUTLINES, outlines.encode(), keep)
@@ -522,12 +515,11 @@ def _rewritten(
     Comments of perception on values that are the user's go. Objects of nothing but a mask, and boundaries that are
     new, are written as in a new file.
     """
-    bare = {name for name, was in old.get("objects", {}).items() if was.keys() <= BARE}
-    filled = {
-        **old,
-        "objects": {name: was for name, was in old.get("objects", {}).items() if name not in bare},
-    }
-    fresh = {key for key in perceived.comments if value_at(new, key) != value_at(filled, key)}
+    objects, changed = old.get("objects", {}), old.get("objects", {}).keys() != new["objects"].keys()
+    bare = {name for name, was in objects.items() if was.keys() <= BARE}
+    fresh = {key for key in perceived.comments if value_at(new, key) != value_at(old, key)}
+    fresh |= {key for key in perceived.comments if bare & set(key.split(".")[1:2])}
+    fresh -= set() if changed else {"objects"}
     stale = ["world.pixels_per_meter"] if perceived.wrote.get("", {}).get("given") else []
     same = []  # the file says how they were found first
     for name, item in perceived.document["objects"].items():
@@ -537,18 +529,15 @@ def _rewritten(
         stale += [f"objects.{name}.{key}" for key in theirs | perceived.wrote.get(name, {}).keys()]
         if was.get("mask") == now.get("mask") and wrote.get("label") == item.get("label"):
             same += [key for part in ("mask", "mass") if (key := f"objects.{name}.{part}") not in fresh]
-    if len(same) and all(
-        f"objects.{name}.mask" in same for name in {**old.get("objects", {}), **new["objects"]}
-    ):
-        same.append("objects")
+        else:
+            changed = True
+    same += [] if changed else ["objects"]
     comments = {key: words for key, words in perceived.comments.items() if key not in (*stale, *same)}
-    whole = [("objects", name) for name in bare] + [
-        ("boundaries", name) for name in old.get("boundaries", {})
-    ]
-    for section, name in whole:
-        now = new.get(section, {}).get(name)
-        if now is not None and now != old[section][name]:
-            text = written_anew(text, (section, name), now)
+    for section, names in (("objects", bare), ("boundaries", old.get("boundaries", {}))):
+        for name in names:
+            now = new.get(section, {}).get(name)
+            if now is not None and now != old[section][name]:
+                text = written_anew(text, (section, name), now)
     text = without_comments(write(text, new), [key.split(".") for key in stale], known.comments)
     return with_comments(text, comments, known.comments, fresh)
 

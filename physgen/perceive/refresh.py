@@ -7,7 +7,7 @@ and stays. Labels and names stay. Masks stay, but for objects with a prompt.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 from zlib import crc32
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from physgen.geometry.scale import PAPER_SCALE
 from physgen.perceive import document
-from physgen.perceive.roles import BoundaryGuess, Detections, Labels, Name, Rgb
+from physgen.perceive.roles import BoundaryGuess, Detections, Labels, Name, PerceivedScene, Rgb, Suitability
 from physgen.perceive.segment.prompts import Box, Point, Segmenter, from_prompts
 from physgen.scene.files import Record, equal, recorded
 from physgen.scene.provenance import (
@@ -27,7 +27,7 @@ from physgen.scene.provenance import (
     source,
     stated_scale,
 )
-from physgen.scene.scene import BoxPrompt, MaskId, Object, Scene, View
+from physgen.scene.scene import BoxPrompt, MaskId, Object, Scene
 
 OVERLAP = (0.5, 0.3)
 """Share of the smaller mask, and of the old one, from which a new prompt means an existing object."""
@@ -134,13 +134,25 @@ def with_sources(data: Entry, scene: Scene) -> dict[str, Any]:
     return {**data, "objects": objects}
 
 
-def known_view(scene: Scene) -> View | BoundaryGuess:
-    """The scene's view, with its confidence and reason where perception wrote it."""
-    wrote, view = scene.record.world, scene.world.view
-    if wrote.get("view") != view.value or not wrote.get("view_from"):
-        return view
-    why = source(str(wrote["view_from"]))
+def known_view(scene: Scene) -> BoundaryGuess:
+    """The scene's view, with the confidence and reason that perception wrote, or as the user gave it."""
+    record, view = scene.record.world, scene.world.view
+    wrote = record.get("view_from") if record.get("view") == view.value else None
+    why = source(str(wrote or "as given 1"))
     return BoundaryGuess(view, 1.0 if why.sure is None else why.sure, why.text, ())
+
+
+def as_before(perceived: PerceivedScene, scene: Scene) -> PerceivedScene:
+    """What is perceived, with the boundaries and the doubts that the scene has."""
+    walls, doubts = scene.record.world["boundaries"], recorded(scene.assets, "suitability")
+    suits = Suitability(tuple(map(str, doubts.get("reasons", ())))) if doubts else perceived.suitability
+    return replace(perceived, document={**perceived.document, "boundaries": walls}, suitability=suits)
+
+
+def true_comments(comments: Mapping[str, str], merged: Entry, seen: Entry) -> dict[str, str]:
+    """The comments on values of the `merged` scene that are as they are `seen` now, and on whole sections."""
+    value = document.value_at
+    return {k: why for k, why in comments.items() if "." not in k or equal(value(merged, k), value(seen, k))}
 
 
 def user_layers(scene: Entry) -> dict[str, int]:
@@ -165,12 +177,8 @@ def merge_documents(
             now = new["objects"].get(name)
             objects[name] = was if now is None else merge_object(was, now, name in start.prompted)
             held = was.get("motion")
-            if (
-                now is not None
-                and name in start.prompted
-                and held
-                and held == record.entry(name, was).get("motion")
-            ):
+            held = held and held == record.entry(name, was).get("motion")
+            if now is not None and name in start.prompted and held:
                 moves = {key: now[key] for key in ("motion", "velocity") if key in now}  # the new pixels' own
                 objects[name] = {key: v for key, v in objects[name].items() if key != "motion"} | moves
         if name in renamed and name in objects:
@@ -180,11 +188,8 @@ def merge_documents(
     world, seen = dict(old.get("world", {})), new["world"]
     if scaled and seen["pixels_per_meter"] != world.get("pixels_per_meter", PAPER_SCALE):
         world["pixels_per_meter"] = seen["pixels_per_meter"]
-    if "table" not in seen and world.get("table") in (
-        document.TABLE,
-        {"friction": 0},
-    ):  # seen from the side now
-        del world["table"]
+    if "table" not in seen and world.get("table") in (document.TABLE, {"friction": 0}):
+        del world["table"]  # seen from the side now
     if "table" in seen and "table" not in world and seen["view"] != record.world.get("view"):
         world["table"] = seen["table"]
     walls = merge_boundaries(old.get("boundaries", {}), new["boundaries"], record)

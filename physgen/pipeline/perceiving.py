@@ -112,8 +112,7 @@ def perceive(
     with suppress(InputError):  # it is reported when the scene is rendered
         perceived = _at_rest(perceived)
         perceived = perceived if options.still else _pushed(perceived)
-    first, *more = summary(perceived)
-    inform("\n".join([f"{image}: {first}", *more]))
+    inform(f"{image}: " + "\n".join(summary(perceived)))
     return write_scene(perceived, image if as_it_is else None, image.stem, output, options.assets, keep)
 
 
@@ -267,15 +266,14 @@ def refresh(
     """
     from physgen.compile.compile import compile_scene
     from physgen.perceive import refresh as old_and_new
-    from physgen.perceive.document import relabel_objects, summary, value_at, write_scene
+    from physgen.perceive.document import relabel_objects, summary, write_scene
     from physgen.perceive.perceive import fit_objects
     from physgen.perceive.perceive import perceive as run
-    from physgen.perceive.roles import Name, Suitability
+    from physgen.perceive.roles import Name
     from physgen.perceive.segment.prompts import Segmenter
     from physgen.photos import read_photo
     from physgen.pipeline.stages import percepts
     from physgen.registry import Backends
-    from physgen.scene.files import equal, recorded
     from physgen.scene.load import load, raw_document
     from physgen.scene.provenance import follows_scale
 
@@ -286,14 +284,11 @@ def refresh(
     if scene.image is None:
         raise InputError.of("--refresh", f'"{path}"', "shows no photo", "name one with image:")
     maps = percepts(scene)
-    kept = compile_scene(scene, None if maps is None else maps.labels).labels
-    photo = read_photo(scene.image)
-    find = Segmenter(crew, options.asked)
+    ids = compile_scene(scene, None if maps is None else maps.labels).labels
+    photo, find = read_photo(scene.image), Segmenter(crew, options.asked)
     own = raw_document(path, options.allow_outside)
     old = old_and_new.with_sources(own, scene)
-    begun = old_and_new.start_refresh(
-        photo.rgb, scene.objects, old, kept, options.boxes, options.points, find
-    )
+    begun = old_and_new.start_refresh(photo.rgb, scene.objects, old, ids, options.boxes, options.points, find)
     crew.release("segment")
     for name in begun.gone:
         expected = "is part of what was pointed at and has gone"
@@ -317,20 +312,14 @@ def refresh(
         progress=progress,
     )
     new_labels = {called[item.id]: item.label for item in named if item.id in renamed}
-    seen, doubtful = perceived.document, dict[str, Any]()
+    doubtful: dict[str, Any] = {}
     if maps is not None and gone is not None:
         marked, doubtful = old_and_new.kept_doubtful(old, maps.labels, perceived.percepts.labels, gone)
         if old_and_new.same_objects(scene, maps.labels, marked):
-            seen = {**seen, "boundaries": record.world["boundaries"]}
-            if doubts := recorded(scene.assets, "suitability"):
-                suits = Suitability(tuple(map(str, doubts.get("reasons", ()))))
-                perceived = replace(perceived, suitability=suits)
+            perceived = old_and_new.as_before(perceived, scene)
+    seen = perceived.document
     document = old_and_new.merge_documents(old, seen, begun, new_labels, scaled, record)
-    reasons = {  # of what the scene has as it is seen now
-        key: why
-        for key, why in perceived.comments.items()
-        if "." not in key or equal(value_at(document, key), value_at(seen, key))
-    }
+    reasons = old_and_new.true_comments(perceived.comments, document, seen)
     document, wrote = old_and_new.rescaled(own, document, record, side)
     wrote[""]["boundaries"] = seen["boundaries"]
     if maps is not None:
@@ -349,10 +338,9 @@ def refresh(
         name: item | moving.get(name, {"velocity": document["objects"].get(name, item).get("velocity", ())})
         for name, item in seen["objects"].items()
     }
-    first, *more = summary(replace(perceived, document={**seen, "objects": told, "doubtful": doubtful}))
-    inform("\n".join([f"{path}: {first}", *more]))
+    summed = replace(perceived, document={**seen, "objects": told, "doubtful": doubtful})
+    inform(f"{path}: " + "\n".join(summary(summed)))
     text = None if "extends" in own else path.read_bytes().decode("utf-8-sig")
-    comments = {} if text is None else perceived.comments
-    perceived = replace(perceived, comments=comments, wrote=wrote)
+    perceived = replace(perceived, comments={} if text is None else perceived.comments, wrote=wrote)
     image = scene.image if photo.plain else None
     return write_scene(perceived, image, scene.image.stem, output, options.assets, keep, text, record)

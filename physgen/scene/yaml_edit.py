@@ -425,10 +425,8 @@ def without_comments(text: str, paths: Sequence[Sequence[str | int]], ours: Coll
 
 
 def with_comments(text: str, comments: Mapping[str, str], ours: Collection[str], new: Collection[str]) -> str:
-    """The text with comments at dotted keys, behind short values and above others.
-
-    They take the place of those that are `ours`; where none is, they are written at keys that are `new` alone.
-    """
+    """The text with comments at dotted keys, behind short values and above others, in the place of those that are
+    `ours`; where none is, at keys that are `new` alone."""
     for key, comment in comments.items():
         try:
             parent, at = parent_of(text, tuple(key.split(".")))

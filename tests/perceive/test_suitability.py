@@ -97,8 +97,8 @@ def test_what_is_in_the_sky_has_no_support():
     shelves = replace(GOOD, walls=(ledge, ledge, ledge))
     assert one.doubts(shelves) == "good"
     one.rgb[:90] = (110, 160, 230)
-    assert one.doubts(shelves) == "doubtful: blue as of the sky above; no support is seen beneath the objects"
-    assert one.doubts() == "doubtful: blue as of the sky above"
+    assert one.doubts(shelves) == "doubtful: blue as of the sky; no support is seen beneath the objects"
+    assert one.doubts() == "doubtful: blue as of the sky"
 
 
 def test_an_object_that_fills_the_photo():

@@ -196,8 +196,7 @@ def _photo_doubts(
     green = (hue > 25) & (hue < 90) & (saturation > 40)
     sky, foliage = blue[: len(blue) // 2].mean(), (green & (fine > DOUBTS.fine)).mean()
     if sky > DOUBTS.sky or foliage > DOUBTS.foliage:
-        blue = "blue as of the sky above"
-        reasons.append(blue if sky > DOUBTS.sky else "green and fine detail as of leaves or grass")
+        reasons.append("blue as of the sky" if sky > DOUBTS.sky else "green and fine as of leaves or grass")
     elif (fine > DOUBTS.fine).mean() > DOUBTS.detail:
         reasons.append("cluttered: fine detail nearly everywhere")
     return reasons
