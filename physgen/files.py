@@ -117,6 +117,14 @@ def write_with_backup(path: Path, data: bytes, keep: Callable[[Path], None] = la
     write_atomic(path, data)
 
 
+def free_folder(path: Path) -> tuple[Path, Path | None]:
+    """The first of `NAME.assets`, `NAME-2.assets`, ... beside a scene that is not there, and the one before."""
+    before, number = None, 1
+    while (free := path.with_name(f"{path.stem}{f'-{number}' * (number > 1)}.assets")).exists():
+        before, number = free, number + 1
+    return free, before
+
+
 def back_up(path: Path, keep: Callable[[Path], None] = lambda kept: None) -> None:
     """An existing file becomes `NAME~` (`NAME~2`, ...), which `keep` gets."""
     if not path.is_file():

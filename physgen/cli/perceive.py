@@ -27,7 +27,7 @@ def perceive(options: argparse.Namespace) -> int:
     folder = options.output is not None and options.output.is_dir()
     if options.refresh is None and (len(options.image) > 1 or (options.image and folder)):
         return _perceive_many(options)
-    bar, boxes = Bar(), len(options.box)
+    bar, boxes, output = Bar(), len(options.box), options.output or options.refresh
     checks: list[Callable[[], Any]] = [
         partial(crew_of, options),
         partial(check_scene_name, options.output),
@@ -50,15 +50,14 @@ def perceive(options: argparse.Namespace) -> int:
         "still": options.still,
     }
     if options.refresh:
-        output = options.output or options.refresh
         from physgen.pipeline.perceiving import refresh
 
         text = refresh(options.refresh, output, allow_outside=options.allow_outside, **settings)
     else:
         settings |= {"masks": options.masks, "side": options.side}
-        text = pipeline.perceive(options.image[0], options.output, **settings)
+        text = pipeline.perceive(options.image[0], output, **settings)
     bar.clear()
-    write_result(text, options.output)
+    write_result(text, output)
     return OK
 
 

@@ -32,7 +32,7 @@ from physgen.edit.object_entries import (
     written,
 )
 from physgen.edit.operations import edited
-from physgen.files import write_atomic
+from physgen.files import free_folder, write_atomic
 from physgen.geometry.fitting import fit_outlines
 from physgen.geometry.polygon import translated_outline
 from physgen.geometry.scale import photo_object
@@ -116,10 +116,7 @@ def correct(
 
 def _linked_maps(assets: Path | None, path: Path) -> Path:
     """A new folder beside the scene with all files of its assets under a second name, or copied to another disk."""
-    out, number = path.with_name(f"{path.stem}.assets"), 1
-    while out.exists():
-        number += 1
-        out = path.with_name(f"{path.stem}-{number}.assets")
+    out = free_folder(path)[0]
     out.mkdir()
     for file in assets.iterdir() if assets is not None and assets.is_dir() else ():
         if file.is_file():

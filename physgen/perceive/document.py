@@ -18,7 +18,7 @@ import numpy as np
 
 from physgen import __version__
 from physgen.compile.shapes import fill_polygon, mask_crc
-from physgen.files import resource, write_atomic, write_with_backup
+from physgen.files import free_folder, resource, write_atomic, write_with_backup
 from physgen.geometry.polygon import Array, Disc, Outline, mass_properties
 from physgen.geometry.scale import slow_motion
 from physgen.maps import Keep, ignore_kept_file, write_assets, write_png
@@ -46,7 +46,7 @@ from physgen.scene.provenance import stated_scale, table_confidences
 from physgen.scene.scene import ADD_OBJECT, Solid, View
 from physgen.scene.schema import schema_at
 from physgen.scene.write import scene_text
-from physgen.scene.yaml_edit import marked, with_comments, without_comments, write
+from physgen.scene.yaml_edit import marked, with_comments, without_comments, write, written_anew
 from physgen.text import counted, listed
 
 GENERIC = ("object", "thing")
@@ -60,6 +60,8 @@ LIKELY = 0.1
 TABLE = {"friction": 0.2}  # what is written where it is seen from above
 SCHEMA = "scene-1.schema.json"
 """Copied into the assets, so that editors complete and check the scene wherever it lies, offline too."""
+BARE = {"mask", "from", "confidence"}
+"""Keys of an object that the user took from `doubtful:`, or gave by its mask alone: a refresh fills in the rest."""
 MOTION_BLUR = 0.5
 """Of new files: a shutter that is open for half of a frame's time, as film cameras have."""
 
@@ -326,7 +328,7 @@ def scene_comments(
     sources = {
         "given": "from the masks given",
         "pointed at": "where you pointed",
-        "kept": "as the scene had them, and where you pointed",
+        "kept": "as the scene had them" + (", and where you pointed" if found.prompts else ""),
     }
     how = sources.get(found.source, f"found by {found.source}")
     left_out = f"; {specks} specks of under {SMALLEST_OBJECT} px left out" if specks else ""
@@ -429,13 +431,35 @@ def write_scene(
     `known` is the record beside it.
 
     Assets go to `OUTPUT-STEM.assets/` beside the scene, or `NAME.assets/` in the current folder, unless `assets` says
-    otherwise. `photo` is its file, copied into them from outside the scene's folder; None where no scene can name the
-    file as it is: it is then written as `NAME.png`. Existing files that differ are kept as `NAME~` (`keep` is called
-    with them). Raises InputError when the assets would lie outside the scene's folder.
+    otherwise; those of a scene that differs and is in the way stay, and the new ones go to `OUTPUT-STEM-2.assets/`.
+    `photo` is its file, copied into them from outside the scene's folder; None where no scene can name the file as it
+    is: it is then written as `NAME.png`. Existing files that differ are kept as `NAME~` (`keep` is called with them).
+    Raises InputError when the assets would lie outside the scene's folder.
     """
     folder = output.parent if output else Path()
-    if assets is None:
-        assets = folder / f"{output.stem if output else name}.assets"
+    inside = photo is not None and photo.resolve().is_relative_to(folder.resolve())
+    copy = "" if inside else _free_of_maps(f"{name}.png" if photo is None else photo.name)
+    heads = ("physgen", "image", "assets", "maps")
+    body = {key: value for key, value in perceived.document.items() if key not in heads}
+    old: dict[str, Any] = {} if before is None else marked(before).data()
+    body["objects"], outlines = short_entries(
+        body["objects"], perceived.percepts.labels, old.get("objects", {})
+    )
+
+    def written(assets: Path) -> str:
+        """The scene's text with the assets in this folder."""
+        image = assets / copy if copy or photo is None else photo
+        head = {"physgen": 1, "image": _relative(image, folder), "assets": _relative(assets, folder)}
+        modeline = _relative(assets / SCHEMA, folder)
+        if before is None:
+            return scene_text(head | body, perceived.comments, schema=modeline)
+        text = _rewritten(before, old, head | body, perceived, known)
+        return re.sub(r"\A# yaml-language-server: .*", f"# yaml-language-server: $schema={modeline}", text)
+
+    if assets is None and output is not None and output.is_file():
+        free, there = free_folder(output)
+        assets = there if there and written(there).encode() == output.read_bytes() else free
+    assets = assets or folder / f"{output.stem if output else name}.assets"
     if not assets.resolve().is_relative_to(folder.resolve()):
         where = "beside -o" if output else "in the current folder"
         expected = "lies outside the scene's folder"
@@ -448,22 +472,11 @@ def write_scene(
             (assets / file).unlink()  # as it was written: nobody painted in it
     ranges = write_assets(perceived.percepts, assets, keep)
     if photo is None:
-        photo = assets / _free_of_maps(f"{name}.png")
-        write_png(photo, perceived.percepts.rgb, keep)
-    elif not photo.resolve().is_relative_to(folder.resolve()):
-        copy = assets / _free_of_maps(photo.name)
-        if not (copy.exists() and copy.samefile(photo)):
-            write_with_backup(copy, photo.read_bytes(), keep)
-        photo = copy
-    head = {"physgen": 1, "image": _relative(photo, folder), "assets": _relative(assets, folder)}
-    body = {key: value for key, value in perceived.document.items() if key not in (*head, "maps")}
-    old: dict[str, Any] = {} if before is None else marked(before).data()
-    body["objects"], outlines = short_entries(
-        body["objects"], perceived.percepts.labels, old.get("objects", {})
-    )
+        write_png(assets / copy, perceived.percepts.rgb, keep)
+    elif copy and not ((assets / copy).exists() and (assets / copy).samefile(photo)):
+        write_with_backup(assets / copy, photo.read_bytes(), keep)
     write_with_backup(assets / OUTLINES, outlines.encode(), keep)
-    schema = assets / SCHEMA
-    write_with_backup(schema, resource("schemas", SCHEMA).read_bytes(), keep)
+    write_with_backup(assets / SCHEMA, resource("schemas", SCHEMA).read_bytes(), keep)
     per_meter = stated_scale(perceived.document)
     slow = slow_motion(max(perceived.percepts.labels.shape), per_meter)
     record: dict[str, Any] = {
@@ -474,7 +487,8 @@ def write_scene(
             for name, item in perceived.document["objects"].items()
         },
         "world": {"pixels_per_meter": per_meter, "slow": slow}
-        | {"view": perceived.document["world"].get("view"), "boundaries": body.get("boundaries", {})}
+        | {"view": perceived.document["world"].get("view"), "view_from": perceived.view_from}
+        | {"boundaries": body.get("boundaries", {})}
         | perceived.wrote.get("", {}),
         "maps": ranges,
         "comments": sorted(
@@ -487,12 +501,7 @@ def write_scene(
     made = sorted(file for file in assets.iterdir() if file.name in ours)
     record["files"] = {file.name: crc32(file.read_bytes()) for file in made}
     write_atomic(assets / RECORD, json.dumps(record, ensure_ascii=False).encode() + b"\n")
-    modeline = _relative(schema, folder)
-    if before is None:
-        text = scene_text(head | body, perceived.comments, schema=modeline)
-    else:
-        text = _rewritten(before, old, head | body, perceived, known)
-        text = re.sub(r"\A# yaml-language-server: .*", f"# yaml-language-server: $schema={modeline}", text)
+    text = written(assets)
     if output is not None:
         write_with_backup(output, text.encode("utf-8"), keep)
     return text
@@ -503,26 +512,34 @@ def _rewritten(
 ) -> str:
     """The text with new data, and with comments on the values that are new, or whose reason is.
 
-    Comments of perception on values that are the user's go.
+    Comments of perception on values that are the user's go. Objects of nothing but a mask, and boundaries that are
+    new, are written as in a new file.
     """
-    comments = perceived.comments
-    fresh = {key: words for key, words in comments.items() if value_at(new, key) != value_at(old, key)}
-    if old.get("objects", {}).keys() == new["objects"].keys():
-        fresh.pop("objects", None)  # the file says how they were found first
-    stale = [["world", "pixels_per_meter"]] if perceived.wrote.get("", {}).get("given") else []
+    objects, changed = old.get("objects", {}), old.get("objects", {}).keys() != new["objects"].keys()
+    bare = {name for name, was in objects.items() if was.keys() <= BARE}
+    fresh = {key for key in perceived.comments if value_at(new, key) != value_at(old, key)}
+    fresh |= {key for key in perceived.comments if bare & set(key.split(".")[1:2])}
+    fresh -= set() if changed else {"objects"}
+    stale = ["world.pixels_per_meter"] if perceived.wrote.get("", {}).get("given") else []
+    same = []  # the file says how they were found first
     for name, item in perceived.document["objects"].items():
-        wrote = known.entry(name, item)
-        was, now = wrote.get("from", {}), item.get("from", {})
-        stale += [
-            ["objects", name, key] for key in ("label", "mass", "friction") if key in was and key not in now
-        ]
-        other = ["mask"] if wrote and now.get("mask") != was.get("mask") else []
-        if wrote and item.get("label") != wrote.get("label"):
-            other += [key for key in ("mass", "friction") if key in now]
-        reasons = [f"objects.{name}.{key}" for key in other]
-        fresh |= {key: comments[key] for key in reasons if key in comments}
-    stale += [key.split(".") for key in fresh]
-    return with_comments(without_comments(write(text, new), stale, known.comments), fresh)
+        wrote, now = known.entry(name, item), item.get("from", {})
+        was = wrote.get("from", {})
+        theirs = {key for key in ("label", "mass", "friction") if key in was and key not in now}
+        stale += [f"objects.{name}.{key}" for key in theirs | perceived.wrote.get(name, {}).keys()]
+        if was.get("mask") == now.get("mask") and wrote.get("label") == item.get("label"):
+            same += [key for part in ("mask", "mass") if (key := f"objects.{name}.{part}") not in fresh]
+        else:
+            changed = True
+    same += [] if changed else ["objects"]
+    comments = {key: words for key, words in perceived.comments.items() if key not in (*stale, *same)}
+    for section, names in (("objects", bare), ("boundaries", old.get("boundaries", {}))):
+        for name in names:
+            now = new.get(section, {}).get(name)
+            if now is not None and now != old[section][name]:
+                text = written_anew(text, (section, name), now)
+    text = without_comments(write(text, new), [key.split(".") for key in stale], known.comments)
+    return with_comments(text, comments, known.comments, fresh)
 
 
 def value_at(document: Mapping[str, Any], key: str) -> object:

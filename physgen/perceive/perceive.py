@@ -55,10 +55,11 @@ from physgen.perceive.segment.prompts import Segmenter
 from physgen.perceive.shadow.shadow_removal import refill_background
 from physgen.perceive.support.viewpoint import judge_suitability
 from physgen.photometry import decode, encode_u8
-from physgen.problems import InputError
+from physgen.problems import InputError, Place, Problem, Severity
 from physgen.progress import Progress, silent
 from physgen.registry import Backends
 from physgen.scene.scene import View
+from physgen.text import listed
 
 UNKNOWN = BoundaryGuess(View.SIDE, 0.0, "", ())
 """Before boundaries are found."""
@@ -84,15 +85,15 @@ def perceive(
     renames: Sequence[str] = (),
     crew: Backends | None = None,
     asked: Sequence[str] = (),
-    view: View | None = None,
+    view: BoundaryGuess | None = None,
     pixels_per_meter: float | None = None,
     progress: Progress = silent,
 ) -> PerceivedScene:
     """Perceives a photo; `found` None: segment it.
 
     `renames` are `NAME=TEXT`: NAME is the name that an object would have without, its mask id, or a pattern
-    (`ball-*`). `crew` fills the roles; `asked` are the nouns to search for, for segmenters that take nouns.
-    `pixels_per_meter` is the photo's true scale, where the user knows it. Raises InputError where no scene can be made.
+    (`ball-*`). `crew` fills the roles; `asked` are the nouns to search for, for segmenters that take nouns. `view` and
+    `pixels_per_meter`, the photo's true scale, are known where given. Raises InputError where no scene can be made.
     """
     check_size(rgb)
     run = _Run(rgb, crew or Backends(), progress)
@@ -153,6 +154,12 @@ def perceive(
         comments |= document.scene_comments(found, objects, specks, boundaries)
         unknown = (document.unknown_label(t.label) for t in objects if t.id in names.renamed)
         warnings = tuple(dict.fromkeys(problem for problem in unknown if problem))
+        if moved := [f"{names.before[i]} is {name}" for i, name in called.items() if names.before[i] != name]:
+            what, fix = (
+                "in the scene, since names follow labels",
+                "use the new names; physgen rename gives others",
+            )
+            warnings += (Problem(Place("--label"), "", listed(moved, "and"), what, fix, Severity.WARNING),)
         suits = judge_suitability(rgb, found, objects, boundaries)
         clean = cleaning.result() if cleaning else shadows.clean
         run.crew.release("inpaint")
@@ -160,7 +167,8 @@ def perceive(
             rgb=rgb, labels=labels, coverage=coverage, background=background, clean=clean, shadows=shadows.owners,
             depth=depth, normals=normals, albedo=intrinsics.albedo, shading=intrinsics.shading,
         )  # fmt: skip
-        return run.signed(PerceivedScene(percepts, scene, comments, warnings, suitability=suits))
+        reason = document.provenance(boundaries.reason, boundaries.confidence)
+        return run.signed(PerceivedScene(percepts, scene, comments, warnings, (), suits, reason))
 
 
 def check_size(rgb: Rgb, file: str = "the photo") -> None:
@@ -241,7 +249,7 @@ class _Run:
         return matter, max(scales, key=lambda one: one.confidence, default=None)
 
     def find_boundaries(
-        self, found: Detections, objects: Sequence[PhotoObject], view: View | None, scenery: Scenery | None
+        self, found: Detections, objects: Sequence[PhotoObject], view: BoundaryGuess | None, scenery: Any
     ) -> tuple[BoundaryGuess, Any, Any]:
         """View and walls, with depth and normals where they were needed (else None)."""
         extra: dict[str, Any] = {"scenery": scenery}
@@ -250,7 +258,9 @@ class _Run:
             extra["depth"] = self.role("depth", self.rgb)
         if "normals" in needed:
             extra["normals"] = self.role("normals", self.rgb, found.labels, objects, UNKNOWN)
-        guess: BoundaryGuess = self.role("boundary", self.rgb, found.labels, objects, view, **extra)
+        known = view and view.view
+        guess: BoundaryGuess = self.role("boundary", self.rgb, found.labels, objects, known, **extra)
+        guess = replace(guess, confidence=view.confidence, reason=view.reason) if view else guess
         depth = None if self.crew.name("depth") == "none" else extra.get("depth")
         return guess, depth, extra.get("normals")
 

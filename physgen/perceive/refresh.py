@@ -7,7 +7,7 @@ and stays. Labels and names stay. Masks stay, but for objects with a prompt.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 from zlib import crc32
 
@@ -15,14 +15,16 @@ import numpy as np
 
 from physgen.geometry.scale import PAPER_SCALE
 from physgen.perceive import document
-from physgen.perceive.roles import Detections, Labels, Name, Rgb
+from physgen.perceive.roles import BoundaryGuess, Detections, Labels, Name, PerceivedScene, Rgb, Suitability
 from physgen.perceive.segment.prompts import Box, Point, Segmenter, from_prompts
 from physgen.scene.files import Record, equal, recorded
 from physgen.scene.provenance import (
     label_confidence,
     perceived_keys,
+    provenance,
     scale_is_given,
     scaled_values,
+    source,
     stated_scale,
 )
 from physgen.scene.scene import BoxPrompt, MaskId, Object, Scene
@@ -49,6 +51,7 @@ class RefreshStart:
 def start_refresh(
     rgb: Rgb,
     objects: Sequence[Object],
+    old: Entry,
     labels: Labels,
     boxes: Sequence[Box],
     points: Sequence[Point],
@@ -56,7 +59,8 @@ def start_refresh(
 ) -> RefreshStart:
     """Keeps objects without a prompt, segments those with one again; new boxes and points replace what they cover.
 
-    `labels` (H, W): id k + 1 is the k-th of `objects`. Ids of masks stay. Raises InputError as `from_prompts`.
+    `old` is the scene's data with its sources. `labels` (H, W): id k + 1 is the k-th of `objects`. Ids of masks stay.
+    Raises InputError as `from_prompts`.
     """
     ids = _mask_ids(objects)
     by_box = [k for k, item in enumerate(objects) if isinstance(item.prompt, BoxPrompt)]
@@ -93,6 +97,9 @@ def start_refresh(
         result[mask] = i
         confidence[i], prompts[i] = new.confidence[n], prompt
     named = {i: objects[k] for i, k in owner.items()}
+    sources = {i: old["objects"].get(item.name, {}).get("from", {}) for i, item in named.items()}
+    masks = {i: one.get("mask", "") for i, one in sources.items() if i not in prompts}
+    confidence |= {i: sure for i, text in masks.items() if (sure := source(text).sure) is not None}
     found = Detections(
         result,
         "kept",
@@ -102,7 +109,7 @@ def start_refresh(
         },
         prompts=prompts,
         object_names={i: item.name for i, item in named.items()},
-        mask_sources={i: item.provenance.get("mask", "") for i, item in named.items() if i not in prompts},
+        mask_sources=masks,
     )
     return RefreshStart(found, frozenset(named[i].name for i in prompts if i in named), tuple(gone))
 
@@ -114,14 +121,38 @@ def _mask_ids(objects: Sequence[Object]) -> list[int]:
     return [i if i and i not in own[:k] else next(free) for k, i in enumerate(own)]
 
 
-def with_sources(document: Entry, scene: Scene) -> dict[str, Any]:
+def with_sources(data: Entry, scene: Scene) -> dict[str, Any]:
     """A scene's data, in which `from` of each object names what is still as perception wrote it."""
     sources = {item.name: dict(item.provenance) for item in scene.objects}
+    for name, own in data["objects"].items():
+        if own.keys() <= document.BARE and "confidence" in own:
+            sources[name].setdefault("mask", provenance("doubtful", own["confidence"]))
     objects = {
         name: {**own, "from": sources[name]} if "from" in own or sources[name] else own
-        for name, own in document["objects"].items()
+        for name, own in data["objects"].items()
     }
-    return {**document, "objects": objects}
+    return {**data, "objects": objects}
+
+
+def known_view(scene: Scene) -> BoundaryGuess:
+    """The scene's view, with the confidence and reason that perception wrote, or as the user gave it."""
+    record, view = scene.record.world, scene.world.view
+    wrote = record.get("view_from") if record.get("view") == view.value else None
+    why = source(str(wrote or "as given 1"))
+    return BoundaryGuess(view, 1.0 if why.sure is None else why.sure, why.text, ())
+
+
+def as_before(perceived: PerceivedScene, scene: Scene) -> PerceivedScene:
+    """What is perceived, with the boundaries and the doubts that the scene has."""
+    walls, doubts = scene.record.world["boundaries"], recorded(scene.assets, "suitability")
+    suits = Suitability(tuple(map(str, doubts.get("reasons", ())))) if doubts else perceived.suitability
+    return replace(perceived, document={**perceived.document, "boundaries": walls}, suitability=suits)
+
+
+def true_comments(comments: Mapping[str, str], merged: Entry, seen: Entry) -> dict[str, str]:
+    """The comments on values of the `merged` scene that are as they are `seen` now, and on whole sections."""
+    value = document.value_at
+    return {k: why for k, why in comments.items() if "." not in k or equal(value(merged, k), value(seen, k))}
 
 
 def user_layers(scene: Entry) -> dict[str, int]:
@@ -146,12 +177,8 @@ def merge_documents(
             now = new["objects"].get(name)
             objects[name] = was if now is None else merge_object(was, now, name in start.prompted)
             held = was.get("motion")
-            if (
-                now is not None
-                and name in start.prompted
-                and held
-                and held == record.entry(name, was).get("motion")
-            ):
+            held = held and held == record.entry(name, was).get("motion")
+            if now is not None and name in start.prompted and held:
                 moves = {key: now[key] for key in ("motion", "velocity") if key in now}  # the new pixels' own
                 objects[name] = {key: v for key, v in objects[name].items() if key != "motion"} | moves
         if name in renamed and name in objects:
@@ -161,11 +188,8 @@ def merge_documents(
     world, seen = dict(old.get("world", {})), new["world"]
     if scaled and seen["pixels_per_meter"] != world.get("pixels_per_meter", PAPER_SCALE):
         world["pixels_per_meter"] = seen["pixels_per_meter"]
-    if "table" not in seen and world.get("table") in (
-        document.TABLE,
-        {"friction": 0},
-    ):  # seen from the side now
-        del world["table"]
+    if "table" not in seen and world.get("table") in (document.TABLE, {"friction": 0}):
+        del world["table"]  # seen from the side now
     if "table" in seen and "table" not in world and seen["view"] != record.world.get("view"):
         world["table"] = seen["table"]
     walls = merge_boundaries(old.get("boundaries", {}), new["boundaries"], record)
@@ -207,7 +231,7 @@ def merge_object(was: Entry, now: Entry, prompted: bool = False) -> dict[str, An
 
     An object of nothing but a mask is filled in.
     """
-    if set(was) <= {"mask", "from", "confidence"}:
+    if set(was) <= document.BARE:
         return {**now, "mask": was["mask"], "from": {**now["from"], **was.get("from", {})}}
     keys = perceived_keys(was) | (set(PIXEL_KEYS) if prompted else set())
     keys -= {key for key in keys if isinstance(was.get(key), str) and isinstance(now.get(key), int | float)}

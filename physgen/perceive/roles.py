@@ -301,5 +301,7 @@ class PerceivedScene:
     """How each role ran, where model backends took part."""
     suitability: Suitability | None = None
     """None where the scene was not perceived."""
+    view_from: str = ""
+    """Reason and confidence of the view."""
     wrote: Mapping[str, dict[str, Any]] = field(default_factory=dict)
     """What perception wrote where a user has set something else since, by object; `""` for the scale."""

@@ -112,8 +112,7 @@ def perceive(
     with suppress(InputError):  # it is reported when the scene is rendered
         perceived = _at_rest(perceived)
         perceived = perceived if options.still else _pushed(perceived)
-    first, *more = summary(perceived)
-    inform("\n".join([f"{image}: {first}", *more]))
+    inform(f"{image}: " + "\n".join(summary(perceived)))
     return write_scene(perceived, image if as_it_is else None, image.stem, output, options.assets, keep)
 
 
@@ -285,17 +284,16 @@ def refresh(
     if scene.image is None:
         raise InputError.of("--refresh", f'"{path}"', "shows no photo", "name one with image:")
     maps = percepts(scene)
-    kept = compile_scene(scene, None if maps is None else maps.labels).labels
-    photo = read_photo(scene.image)
-    find = Segmenter(crew, options.asked)
-    begun = old_and_new.start_refresh(photo.rgb, scene.objects, kept, options.boxes, options.points, find)
+    ids = compile_scene(scene, None if maps is None else maps.labels).labels
+    photo, find = read_photo(scene.image), Segmenter(crew, options.asked)
+    own = raw_document(path, options.allow_outside)
+    old = old_and_new.with_sources(own, scene)
+    begun = old_and_new.start_refresh(photo.rgb, scene.objects, old, ids, options.boxes, options.points, find)
     crew.release("segment")
     for name in begun.gone:
         expected = "is part of what was pointed at and has gone"
         fix = "leave the box or point out if it should stay"
         warn(Problem(Place(str(path)), f"objects.{name}", "", expected, fix, Severity.WARNING))
-    own = raw_document(path, options.allow_outside)
-    old = old_and_new.with_sources(own, scene)
     objects = fit_objects(photo.rgb, begun.found)[0]
     called = {i: name for i, name in begun.found.object_names.items() if name in old["objects"]}
     named, renamed = relabel_objects(objects, options.labels, called)
@@ -309,17 +307,19 @@ def refresh(
         photo.rgb,
         replace(begun.found, names=labels, layers=layer_of, gone=gone),
         crew=crew,
-        view=scene.world.view,
+        view=old_and_new.known_view(scene),
         pixels_per_meter=None if scaled else scene.world.pixels_per_meter,
         progress=progress,
     )
     new_labels = {called[item.id]: item.label for item in named if item.id in renamed}
-    seen, doubtful = perceived.document, dict[str, Any]()
+    doubtful: dict[str, Any] = {}
     if maps is not None and gone is not None:
         marked, doubtful = old_and_new.kept_doubtful(old, maps.labels, perceived.percepts.labels, gone)
         if old_and_new.same_objects(scene, maps.labels, marked):
-            seen = {**seen, "boundaries": record.world["boundaries"]}
+            perceived = old_and_new.as_before(perceived, scene)
+    seen = perceived.document
     document = old_and_new.merge_documents(old, seen, begun, new_labels, scaled, record)
+    reasons = old_and_new.true_comments(perceived.comments, document, seen)
     document, wrote = old_and_new.rescaled(own, document, record, side)
     wrote[""]["boundaries"] = seen["boundaries"]
     if maps is not None:
@@ -330,7 +330,7 @@ def refresh(
         kept_maps = replace(perceived.percepts, labels=marked, clean=clean, depth=depth)
         perceived = replace(perceived, percepts=kept_maps)
     moving = {item.name: {"velocity": list(item.velocity)} for item in scene.objects if any(item.velocity)}
-    perceived = replace(perceived, document=document)
+    perceived = replace(perceived, document=document, comments=reasons)
     if not (options.still or moving or scene.forces):
         perceived = _released(perceived, old["objects"])
     document = perceived.document
@@ -338,10 +338,9 @@ def refresh(
         name: item | moving.get(name, {"velocity": document["objects"].get(name, item).get("velocity", ())})
         for name, item in seen["objects"].items()
     }
-    first, *more = summary(replace(perceived, document={**seen, "objects": told, "doubtful": doubtful}))
-    inform("\n".join([f"{path}: {first}", *more]))
+    summed = replace(perceived, document={**seen, "objects": told, "doubtful": doubtful})
+    inform(f"{path}: " + "\n".join(summary(summed)))
     text = None if "extends" in own else path.read_bytes().decode("utf-8-sig")
-    comments = {} if text is None else perceived.comments  # only those of values that are new are written
-    perceived = replace(perceived, comments=comments, wrote=wrote)
+    perceived = replace(perceived, comments={} if text is None else perceived.comments, wrote=wrote)
     image = scene.image if photo.plain else None
     return write_scene(perceived, image, scene.image.stem, output, options.assets, keep, text, record)

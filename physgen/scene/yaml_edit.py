@@ -211,6 +211,14 @@ def write(text: str, data: dict[str, Any]) -> str:
     raise impossible("the YAML is written in a way that this cannot be written into", "edit the YAML beside")
 
 
+def written_anew(text: str, path: KeyPath, value: Any) -> str:
+    """The text with the value at a path as a new file has it; as it is where a comment stands in brackets."""
+    node = find(text, path)
+    if "#" in text[node.begin : node.end]:
+        return text
+    return patched(text, *_rewritten(text, path, value))
+
+
 def put(text: str, path: KeyPath, value: Any) -> str:
     """Set the value at a path whose holder is there."""
     if path and find(text, path[:-1]).place(path[-1]) is None:
@@ -416,19 +424,30 @@ def without_comments(text: str, paths: Sequence[Sequence[str | int]], ours: Coll
     return text
 
 
-def with_comments(text: str, comments: Mapping[str, str]) -> str:
-    """The text with comments at dotted keys, behind short values and above others."""
+def with_comments(text: str, comments: Mapping[str, str], ours: Collection[str], new: Collection[str]) -> str:
+    """The text with comments at dotted keys, behind short values and above others, in the place of those that are
+    `ours`; where none is, at keys that are `new` alone."""
     for key, comment in comments.items():
         try:
             parent, at = parent_of(text, tuple(key.split(".")))
         except EditError:
             continue
         begin, words = entry(text, parent, at), " ".join(comment.split())
-        first, stop = line_begin(text, begin), line_end(text, begin)
-        if parent.is_flow or not leads(text, begin) or words in dict(_comments(text, begin)).values():
+        there = set(dict(_comments(text, begin)).values())
+        if (
+            parent.is_flow
+            or not leads(text, begin)
+            or words in there
+            or not (key in new or there & set(ours))
+        ):
             continue
-        short = stop - first + len(words) < LONGEST and "#" not in text[first:stop]
-        if short and parent.children[at].end <= stop:
+        text = without_comments(text, [key.split(".")], ours)
+        parent, at = parent_of(text, tuple(key.split(".")))
+        begin = entry(text, parent, at)
+        first, stop = line_begin(text, begin), line_end(text, begin)
+        short = stop - first + len(words) <= LONGEST and "#" not in text[first:stop]
+        child = parent.children[at]
+        if short and (child.end <= stop or not (child.is_flow or child.kind is str)):
             text = patched(text, (stop, stop, f"  # {words}"))
         else:
             text = patched(text, (first, first, f"{text[first:begin]}# {words}{newline(text)}"))

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 from drawings import blob_labels, box_mask, disc_mask, iou
@@ -56,6 +57,23 @@ def test_a_toy_block_is_no_wheel(rounded):
     rows, columns = np.abs(np.mgrid[:80, :80] - 40.0)
     mask = np.hypot(np.maximum(columns - inner, 0), np.maximum(rows - inner, 0)) <= rounded
     assert isinstance(fit_outline(mask), Region)
+
+
+@pytest.mark.parametrize(("foot", "height", "below"), [(42, 70, 16), (42, 60, 22), (36, 62, 20)])
+def test_a_mug_does_not_roll(foot: int, height: int, below: int):
+    """Seen from the side and a little from above, 100 px wide: its circle covers 0.86 to 0.89 of it."""
+    mask = np.zeros((200, 240), np.uint8)
+    sides = [[70, 40], [170, 40], [120 + foot, 40 + height], [120 - foot, 40 + height]]
+    cv2.fillPoly(mask, [np.array(sides)], 1)
+    cv2.ellipse(mask, (120, 40), (50, 16), 0, 0, 360, 1, -1)
+    cv2.ellipse(mask, (120, 40 + height), (foot, below), 0, 0, 360, 1, -1)
+    assert isinstance(fit_outline(mask > 0), Region)
+
+
+def test_a_small_ball_with_a_ragged_border_is_a_disc():
+    rows, columns = np.mgrid[:40, :40] - 20.0
+    ragged = np.random.default_rng(1).normal(0, 0.6, (40, 40))
+    assert isinstance(fit_outline(np.hypot(rows, columns) + ragged < 10), Disc)
 
 
 def test_a_disc_cut_by_the_photo_reaches_beyond_it():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -72,6 +73,7 @@ def test_the_head_agrees_with_torch() -> None:
     np.testing.assert_allclose(chances.sum(1), 1, rtol=1e-5)
     best = chances[:, :-1].argmax(1)
     expected = (learned[np.arange(5), best] + plain.numpy()[np.arange(5), best]) / 2
+    expected[best == head.labels.index("person")] = 0  # who is no object
     np.testing.assert_allclose(sureness, expected, rtol=1e-3)
 
 
@@ -147,3 +149,12 @@ def test_the_written_table_has_every_class_once() -> None:
     labels, group = naming.heads().labels, naming.heads().group
     shipped = [labels[k] if k < len(labels) else "" for k in group]
     assert shipped == [label for _, label in pairs]
+
+
+def test_nothing_found_is_named_a_person() -> None:
+    """Heads that see people alone: no object has a label of theirs."""
+    head = naming.heads()
+    people = np.array([100.0 * (label == "person") for label in (*head.labels, "")], np.float32)
+    chances, sureness = replace(head, shift=people).chances(np.zeros((1, head.own.shape[1]), np.float32))
+    assert head.labels[chances[0].argmax()] == "person"
+    assert sureness[0] == 0

@@ -11,7 +11,7 @@ from physgen.maps import read_labels
 from physgen.perceive import document
 from physgen.perceive.document import summary, write_scene
 from physgen.perceive.perceive import fit_objects, perceive
-from physgen.perceive.roles import Detections, PerceivedScene, Segments, Suitability
+from physgen.perceive.roles import BoundaryGuess, Detections, PerceivedScene, Segments, Suitability
 from physgen.perceive.segment.prompts import Segmenter, from_masks, from_prompts, segment_point
 from physgen.photos import read_image
 from physgen.problems import InputError
@@ -132,7 +132,8 @@ def test_the_bundled_billiards_are_seen_from_above(bundled: Path):
 
 def test_told_things_win():
     rgb, labels = desk()
-    found = perceive(rgb, from_masks(labels, {7: "tennis ball"}), view=View.TOP, pixels_per_meter=600)
+    view = BoundaryGuess(View.TOP, 1.0, "as given", ())
+    found = perceive(rgb, from_masks(labels, {7: "tennis ball"}), view=view, pixels_per_meter=600)
     assert found.document["world"]["view"] == "top"
     assert found.document["world"]["table"] == {"friction": 0.2}
     assert found.document["boundaries"] == {}
@@ -210,8 +211,11 @@ def test_slugs_make_valid_names():
 def test_a_label_renames_its_object_alone(seen: PerceivedScene) -> None:
     rgb, labels = desk()
     plain = list(seen.document["objects"])
-    named = list(perceive(rgb, from_masks(labels), renames=[f"{plain[1]}=steel ball"]).document["objects"])
-    assert named == [plain[0], "steel-ball-1", *plain[2:]]
+    found = perceive(rgb, from_masks(labels), renames=[f"{plain[1]}=steel ball"])
+    assert list(found.document["objects"]) == [plain[0], "steel-ball-1", *plain[2:]]
+    (warning,) = found.warnings
+    assert str(warning).startswith(f"--label: warning: {plain[1]} is steel-ball-1 in the scene")
+    assert seen.warnings == ()
 
 
 @pytest.mark.parametrize(("source", "held"), [("learned", True), ("given", False)])

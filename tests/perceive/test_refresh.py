@@ -19,6 +19,8 @@ from physgen.cli.main import main
 from physgen.maps import read_labels, write_png
 from physgen.materials import kind
 from physgen.scene.scene import BoxPrompt, Circle, Scene
+from physgen.scene.write import scene_text
+from physgen.scene.yaml_edit import written_anew
 
 CENTRES = {"ball-1": (60, 70), "ball-2": (150, 75), "ball-3": (240, 70)}
 RADIUS = 30
@@ -216,6 +218,10 @@ def test_doubts_stay_and_can_be_switched_on(scene: Path) -> None:
     assert on["mass"] > 0
     assert on["mask"] == 9
     assert "confidence" not in on
+    entry = first.read_text().partition("\n  maybe-3:\n")[2].partition("boundaries:")[0]
+    assert re.search(r"^    mask: 9  # doubtful 0\.2, \w", entry, re.M), "as sure as it was"
+    assert re.search(r"^    mass: \S+  # g, ", entry, re.M)
+    assert "objects:  # 3 x ball, 1 x block, as the scene had them, counted" in first.read_text()
 
 
 @pytest.mark.slow
@@ -384,12 +390,74 @@ def test_a_scale_that_motions_were_made_for_stays(scene: Path) -> None:
 def test_a_scene_is_refreshed_in_place(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = scene.read_text()
     scene.write_text(before + "# mine\n")
+    capsys.readouterr()
     assert main(["perceive", "--refresh", str(scene)]) == 0
+    assert capsys.readouterr().out == f"{scene}\n"
     assert "# mine" in scene.read_text()
+    assert [folder.name for folder in scene.parent.glob("*.assets")] == ["scene.assets"]
     masks = next(scene.parent.glob("*/masks.png"))
     masks.write_bytes(masks.read_bytes()[:80])
     assert main(["perceive", "--refresh", str(scene)]) == 2
     assert f'"{masks.parent.name}/masks.png" is not a picture' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("again", [["--refresh"], []])
+def test_the_scene_that_is_kept_shows_the_masks_that_it_had(again: list[str], scene: Path) -> None:
+    """A box gives the bar's object a ball's pixels; the scene of before still has the bar."""
+    x, y = CENTRES["ball-2"]
+    before = pipeline.percepts(pipeline.load(scene))
+    options = [*again, str(scene)] if again else [str(scene.with_name("photo.png")), "-o", str(scene)]
+    assert main(["perceive", *options, "--box", f"{x - 33},{y - 33},66,66"]) == 0
+    kept = scene.with_name("scene.yaml~").rename(scene.with_name("kept.yaml"))
+    assert before is not None
+    for path, least, most in ((kept, 550, 650), (scene, 2500, 3000)):  # px: 60 x 10, and pi 30^2 = 2827
+        maps = pipeline.percepts(pipeline.load(path))
+        assert maps is not None
+        middle = maps.labels[y, x - 5]
+        assert least < np.count_nonzero(maps.labels == middle) < most
+        assert np.array_equal(maps.background, before.background) == (path == kept)
+
+
+def test_a_view_stays_as_sure_as_it_was_and_the_user_s_is_sure(
+    scene: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    record = scene.parent / "scene.assets" / "perceived.json"
+    wrote = json.loads(record.read_text())
+    wrote["world"]["view_from"] = "there are few cues 0.52"
+    record.write_text(json.dumps(wrote))
+    x, y = CENTRES["ball-2"]
+    box = ["--box", f"{x - 33},{y - 33},66,66"]
+    for _ in range(2):  # the record that is written is as true
+        capsys.readouterr()
+        assert main(["perceive", "--refresh", str(scene), *box]) == 0
+        summed = capsys.readouterr().err
+        assert "suitability: doubtful: strong perspective" in summed
+        assert "side: there are few cues (confidence 0.52)" in summed
+        box = []
+    scene.write_text(scene.read_text().replace("view: side", "view: top"))
+    assert main(["perceive", "--refresh", str(scene)]) == 0
+    summed = capsys.readouterr().err
+    assert "strong perspective" not in summed
+    assert "top: as given (confidence 1)" in summed
+    assert "  view: top  # side or top: as given (confidence 1)\n" in scene.read_text()
+
+
+def test_a_boundary_with_more_points_is_laid_out_as_in_a_new_file() -> None:
+    old, new = (
+        {"boundaries": {"floor": {"polyline": [[k + 0.25, 2 * k + 0.75] for k in range(n)], "friction": 0.6}}}
+        for n in (2, 14)
+    )
+    assert written_anew(scene_text(old), ("boundaries", "floor"), new["boundaries"]["floor"]) == scene_text(new)
+    mine = "boundaries:\n  floor: {friction: 0.6,  # mine\n    polyline: [[0, 0], [1, 1]]}\n"
+    assert written_anew(mine, ("boundaries", "floor"), new["boundaries"]["floor"]) == mine
+
+
+def test_doubts_about_a_photo_outlive_a_refresh(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    record = scene.parent / "scene.assets" / "perceived.json"
+    doubt = {"verdict": "doubtful", "reasons": ["12 % of it may be objects, too"]}
+    record.write_text(json.dumps(json.loads(record.read_text()) | {"suitability": doubt}))
+    assert main(["perceive", "--refresh", str(scene)]) == 0
+    assert "suitability: doubtful: 12 % of it may be objects, too" in capsys.readouterr().err
 
 
 @pytest.mark.slow
@@ -499,6 +567,9 @@ def test_comments_that_a_user_wrote_or_went_on_with_stay_and_perception_s_follow
     assert "    mass: 77 g\n" in one
     for ball, name in ((one, "glass"), (two, "steel"), (three, "steel")):
         assert f"  # friction of {name}: " in ball
+    assert "objects:  # 2 x steel ball, 1 x glass ball, as the scene had them, counted" in (
+        scene.with_name("again.yaml").read_text()
+    )
     for ball in (two, three):
         mass, volume = (float(re.search(pattern, ball)[1]) for pattern in (r"mass: (\S+)", r": ([\d.]+) cm³"))  # type: ignore[index]
         assert mass == pytest.approx(7.85 * volume, rel=0.02)

@@ -66,15 +66,17 @@ class Heads:
     sure: float  # mean probability from which a label is written
 
     def chances(self, features: F32) -> tuple[F32, F32]:
-        """(N, 1280) features -> (N, L + 1) probabilities, and (N,) those of the likeliest labels.
+        """(N, 1280) features -> (N, L + 1) probabilities, and (N,) those of the likeliest labels, 0 for people.
 
-        The latter are means with ImageNet's own: the regression knows few classes, and takes a can for a cup.
+        The latter are means with ImageNet's own: the regression knows few classes, and takes a can for a cup. What is
+        found as an object and taken for a person is none: it was a plant, a bench or a tie.
         """
         plain = np.zeros((len(features), len(self.labels) + 1), np.float32)
         np.add.at(plain.T, self.group, _softmax(features @ self.weights.T + self.bias).T)
         learned = _softmax(self.trust * np.log(plain + 1e-4) + features @ self.own.T + self.shift)
         best = np.arange(len(features)), learned[:, :-1].argmax(1)
-        return learned, np.asarray((learned[best] + plain[best]) / 2, np.float32)
+        objects = np.array([label != "person" for label in self.labels])[best[1]]
+        return learned, np.asarray(objects * (learned[best] + plain[best]) / 2, np.float32)
 
 
 def imagenet() -> Label:

@@ -184,7 +184,7 @@ def _photo_doubts(
     seen = run_network(rgb)
     fixed = float(((seen.foreground >= 0.5) & (seen.movable < 0.5)).mean())
     if fixed >= DOUBTS.fixed:
-        reasons.append(f"people, animals or furniture fill {100 * fixed:.0f} % of it")
+        reasons.append(f"what looks immovable fills {100 * fixed:.0f} % of it")
     small = cv2.resize(
         rgb, (DOUBTS.side, max(round(DOUBTS.side * rgb.shape[0] / rgb.shape[1]), 2)), interpolation=3
     )
@@ -196,7 +196,7 @@ def _photo_doubts(
     green = (hue > 25) & (hue < 90) & (saturation > 40)
     sky, foliage = blue[: len(blue) // 2].mean(), (green & (fine > DOUBTS.fine)).mean()
     if sky > DOUBTS.sky or foliage > DOUBTS.foliage:
-        reasons.append("outdoors" + (", sky" if sky > DOUBTS.sky else ", leaves or grass"))
+        reasons.append("blue as of the sky" if sky > DOUBTS.sky else "green and fine as of leaves or grass")
     elif (fine > DOUBTS.fine).mean() > DOUBTS.detail:
-        reasons.append("outdoors or cluttered: fine detail nearly everywhere")
+        reasons.append("cluttered: fine detail nearly everywhere")
     return reasons
