@@ -10,7 +10,15 @@ import pytest
 from numpy.typing import NDArray
 
 from physgen.maps import read_labels
-from physgen.perceive.segment.network import MARGIN, bounds, crop, mask_at_point, mask_in_box
+from physgen.perceive.segment.network import (
+    MARGIN,
+    SIDE,
+    bounds,
+    crop,
+    follow_edges,
+    mask_at_point,
+    mask_in_box,
+)
 from physgen.perceive.segment.prompts import RULE, segment_box, segment_point
 from physgen.photos import read_image
 from physgen.problems import InputError
@@ -117,3 +125,18 @@ def test_small_and_narrow_photos(size: tuple[int, int]) -> None:
         assert segment_point(rgb, (2, 2), None).mask[2, 2]
     except InputError as error:
         assert "shows no object" in str(error)  # noqa: PT017
+
+
+def test_a_coarse_outline_is_drawn_to_the_photo_s_own_edge() -> None:
+    """A star whose points are finer than the head's pixels: enlarged, its chances lose them, the photo has them."""
+    y, x = np.mgrid[:SIDE, :SIDE] - 0.5 * (SIDE - 1)
+    star = np.hypot(x, y) < 55 + 14 * np.cos(10 * np.arctan2(y, x))
+    rgb = np.where(star[..., None], (170, 90, 60), (120, 125, 130)) + np.random.default_rng(0).normal(
+        0, 4, (*star.shape, 3)
+    )
+    rgb = np.clip(rgb, 0, 255).astype(np.uint8)
+    coarse = cv2.GaussianBlur(cv2.resize(star.astype(np.float32), (SIDE // 2,) * 2), (0, 0), 2)
+    weights = follow_edges(rgb, coarse)
+    drawn = (weights[..., :3] * rgb).sum(-1) + weights[..., 3] >= 0.5
+    enlarged = cv2.resize(coarse, star.shape[::-1]) >= 0.5
+    assert (drawn != star).sum() < 0.7 * (enlarged != star).sum()

@@ -182,7 +182,7 @@ def _segment(rgb: NDArray[np.uint8], box: Sequence[float], *, at_point: bool) ->
     small = _chances(view, at_point)
     # errors of the mirror image differ
     other = _chances(np.ascontiguousarray(view[:, ::-1]), at_point)
-    affine: NDArray[Any] = _edges(view, np.asarray((small + other[:, ::-1]) / 2, np.float32))
+    affine: NDArray[Any] = follow_edges(view, np.asarray((small + other[:, ::-1]) / 2, np.float32))
     across, down = SIDE / (right - left), SIDE / (bottom - top)
     there = np.array([[across, 0, (x - left + 0.5) * across - 0.5], [0, down, (y - top + 0.5) * down - 0.5]])
     how = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
@@ -196,7 +196,7 @@ def _segment(rgb: NDArray[np.uint8], box: Sequence[float], *, at_point: bool) ->
     return PromptedMask(mask, on / (float(inside.sum()) + float(chances.sum()) - on))
 
 
-def _edges(rgb: NDArray[np.uint8], chances: F32, radius: int = 3, noise: float = 4.0) -> F32:
+def follow_edges(rgb: NDArray[np.uint8], chances: F32, radius: int = 3, noise: float = 4.0) -> F32:
     """(SIDE, SIDE, 4) that gives chances (h, w) at the photo's own edges: weights of red, green and blue and a sum.
 
     Coefficients of a guided filter (He and Sun 2015, Fast guided filter): around each pixel of the crop (SIDE, SIDE, 3)
