@@ -476,9 +476,7 @@ def _mirrored(stage: Stage, picture: Picture, left: F32) -> tuple[Slices, F32] |
     stood = None if stage.mirror is None else stage.mirror.feet[k]
     if stage.mirror is None or stood is None or picture.where.own is not None:
         return None
-    foot, low = stood[0], np.flatnonzero((picture.coverage > 0.5).any(axis=1))
-    if not len(low) or rows.start + low[-1] > foot + stage.mirror.rough:
-        return None  # it has left the floor, downwards
+    foot = stood[0]
     first = max(rows.start, foot + 1 - len(stage.mirror.share), 2 * foot + 2 - len(stage.background))
     last = min(rows.stop, foot + 1)
     if first >= last:

@@ -368,7 +368,7 @@ def passed(ground: Array, labels: NDArray[np.uint16], shadows: NDArray[np.uint16
         if not len(rows):
             continue
         bottom = float(rows.max())
-        found = ground_below([ground], float(columns.mean()), bottom)
+        found = ground_below([ground], float(columns.mean()), bottom - SUNK)
         if found is not None and found[0] - bottom < 2 * SUNK:
             seen += 1
             below += bool(np.median(np.nonzero(shadows == i)[0]) > found[0] + SUNK)
@@ -381,7 +381,9 @@ def thickness(body: Body, top: bool) -> float:
         return 2 * body.radius if body.solid is Solid.SPHERE or not top else STAGING.flat * body.radius
     points = np.concatenate(body.pieces)
     width, height = np.ptp(points, axis=0).tolist()
-    return float(STAGING.deep * np.sqrt(width * height) * (0.6 if top else 1.0))
+    deep = float(STAGING.deep * np.sqrt(width * height) * (0.6 if top else 1.0))
+    # what stands and is no box was turned on a wheel or a lathe
+    return deep if top or len(body.rings[0]) == 4 else min(deep, width)
 
 
 def seen_share(
