@@ -447,6 +447,10 @@ def _add_sides(stage: Stage, pictures: Sequence[Picture]) -> None:
     for picture, sides in turned:
         (rows, columns), coverage = picture.where.box, picture.coverage
         side, shade = sides.drawn(coverage, picture.where.turn)
+        mixed = np.minimum(2 * side, coverage)  # the light of border pixels is a guess
+        kept = np.asarray(1 - mixed / np.maximum(coverage, 1e-3), np.float32)
+        picture.light = np.asarray(cv2.multiply(picture.light, three_channels(kept)), np.float32)
+        side, coverage = side + mixed, coverage - mixed
         lit = np.broadcast_to(shade, side.shape).copy()
         for other, (tall, wide), front in fronts:
             top, bottom = max(rows.start, tall.start), min(rows.stop, tall.stop)
