@@ -241,3 +241,10 @@ def test_light_comes_from_above_onto_the_edges_of_what_lies(bundled: Path, side:
     rows = lies[378:406, 790:890].mean(axis=(1, 2))
     assert rows[4:8].max() > rows[-8:].max() + 8
     assert rows[3] > rows[2] - 10, "no dark line between its top and its front"
+
+
+def test_a_ball_takes_its_shadow_off_the_top_of_the_book_on_which_it_lay(bundled: Path) -> None:
+    _, compiled, stage = opened(bundled, "shelf")
+    first, empty = (rgb[401:407].mean(axis=(0, 2)) for rgb in emptied(compiled, stage, "book-2"))
+    assert first[78:135].min() < 0.6 * first[150:170].mean()
+    assert np.abs(empty[50:170] - empty[150:170].mean()).max() < 0.15 * empty[150:170].mean()
