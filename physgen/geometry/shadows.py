@@ -64,7 +64,7 @@ class ShadowSetting:
         facing = sum(a * b for a, b in zip(self.light.direction, normal, strict=True))
         straight = self.light.intensity * max(facing, 0.0)
         around = self.light.ambient * (1 if self.top else 1 + MODEL.sky * max(-normal[1], 0.0))
-        return self.lacking * straight / max(straight + around, 1e-9)
+        return min(self.lacking * straight / max(straight + around, 1e-9), 1.0)
 
     def distance(self, row: float) -> float:
         """px of a camera, which is taken to look level at the picture's middle, over a floor whose line is at `row`.

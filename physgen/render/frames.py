@@ -447,6 +447,10 @@ def _add_sides(stage: Stage, pictures: Sequence[Picture]) -> None:
     for picture, sides in turned:
         (rows, columns), coverage = picture.where.box, picture.coverage
         side, shade = sides.drawn(coverage, picture.where.turn)
+        mixed = np.minimum(2 * side, coverage)  # the light of border pixels is a guess
+        kept = np.asarray(1 - mixed / np.maximum(coverage, 1e-3), np.float32)
+        picture.light = np.asarray(cv2.multiply(picture.light, three_channels(kept)), np.float32)
+        side, coverage = side + mixed, coverage - mixed
         lit = np.broadcast_to(shade, side.shape).copy()
         for other, (tall, wide), front in fronts:
             top, bottom = max(rows.start, tall.start), min(rows.stop, tall.stop)
@@ -476,9 +480,7 @@ def _mirrored(stage: Stage, picture: Picture, left: F32) -> tuple[Slices, F32] |
     stood = None if stage.mirror is None else stage.mirror.feet[k]
     if stage.mirror is None or stood is None or picture.where.own is not None:
         return None
-    foot, low = stood[0], np.flatnonzero((picture.coverage > 0.5).any(axis=1))
-    if not len(low) or rows.start + low[-1] > foot + stage.mirror.rough:
-        return None  # it has left the floor, downwards
+    foot = stood[0]
     first = max(rows.start, foot + 1 - len(stage.mirror.share), 2 * foot + 2 - len(stage.background))
     last = min(rows.stop, foot + 1)
     if first >= last:

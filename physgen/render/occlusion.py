@@ -100,7 +100,7 @@ def occlusion_of(onto: Silhouette, others: Sequence[Silhouette], setting: Shadow
     if not others and (onto.radius is None or onto.floor is None):
         return None
     h, w = onto.coverage.shape
-    step = _step(onto)
+    step = max(1, int(np.sqrt(onto.area)) // OCCLUSION.cells)  # a box of what leans is mostly empty
     kind: Any = np.float64 if all(one.radius is not None for one in (onto, *others)) else np.float32
     xs = onto.corner[0] + step * (np.arange(-(-w // step)) + 0.5) - 0.5
     ys = onto.corner[1] + step * (np.arange(-(-h // step)) + 0.5) - 0.5
@@ -125,7 +125,7 @@ def occlusion_of(onto: Silhouette, others: Sequence[Silhouette], setting: Shadow
     behind = iter(_behind_balls(balls, points, setting) if balls else ())
     left = np.ones(x.shape, np.float32)
     for other in others:
-        blocked = _behind_slab(other, *points, setting) if other.radius is None else next(behind)
+        blocked = _behind_slab(other, *points, step, setting) if other.radius is None else next(behind)
         left *= 1 - np.float32(MOST_BLOCKED) * direct * blocked
     dark = _seen(left, z)
     if onto.radius and onto.floor is not None:  # a floor close below lies in the ball's own shadow
@@ -135,12 +135,6 @@ def occlusion_of(onto: Silhouette, others: Sequence[Silhouette], setting: Shadow
         return None
     size = (dark.shape[1] * step, dark.shape[0] * step)
     return np.asarray(cv2.resize(dark, size, interpolation=cv2.INTER_LINEAR)[:h, :w], np.float32)
-
-
-def _step(onto: Silhouette) -> int:
-    """px a side of the cells of a veil's grid."""
-    h, w = onto.coverage.shape
-    return max(1, int(np.sqrt(h * w)) // OCCLUSION.cells)
 
 
 def _seen(left: F32, z: NDArray[Any] | None) -> F32:
@@ -170,13 +164,13 @@ def _behind_balls(balls: Sequence[Silhouette], points: tuple[F32, ...], setting:
     return np.asarray(beyond / (1 + np.exp(np.clip(miss / (0.6 * width), -30, 30))), np.float32)
 
 
-def _behind_slab(slab: Silhouette, x: F32, y: F32, toward: F32, setting: ShadowSetting) -> F32:
-    """The same of anything else, whose silhouette is as thick all over."""
+def _behind_slab(slab: Silhouette, x: F32, y: F32, toward: F32, step: int, setting: ShadowSetting) -> F32:
+    """The same of anything else, whose silhouette is as thick all over; points are `step` px apart."""
     lx, ly, lz = (float(part) for part in setting.light.direction)
     way = np.maximum(face(slab, setting.top) - toward, 0) / max(lz, LEAST_LIGHT_HEIGHT)
-    soft = 0.6 + 0.6 * tan(radians(min(setting.softness, 60.0))) * float(way.max())
-    seen = cv2.GaussianBlur(np.pad(slab.coverage, 4), (0, 0), min(soft, 4.0))
-    left, top = np.float32(4 - slab.corner[0]), np.float32(4 - slab.corner[1])
+    soft = min(0.6 + 0.6 * tan(radians(min(setting.softness, 60.0))) * float(way.max()), 4.0)
+    seen = cv2.GaussianBlur(np.pad(slab.coverage, pad := 8 + step), (0, 0), max(soft, step / 2))
+    left, top = np.float32(pad - slab.corner[0]), np.float32(pad - slab.corner[1])
     blocked = np.zeros(x.shape, np.float32)
     for stop in range(1, OCCLUSION.stops + 1):
         s = way * np.float32(stop / OCCLUSION.stops)
@@ -192,16 +186,14 @@ def _behind_slab(slab: Silhouette, x: F32, y: F32, toward: F32, setting: ShadowS
 SUNK = 3.0  # px by which an object's pixels may reach below the floor that it stands on
 
 
-def ground_below(
-    grounds: Sequence[Array], x: float, bottom: float, sunk: float = SUNK
-) -> tuple[float, Array] | None:
-    """The highest floor below an object whose lowest point, `sunk` in it at most, is at `bottom`; first its row, px."""
+def ground_below(grounds: Sequence[Array], x: float, y: float) -> tuple[float, Array] | None:
+    """The highest floor below a point; first its row, px."""
     found: tuple[float, Array] | None = None
     for ground in grounds:
         ax, ay, bx, by = ground[:4]
         if min(ax, bx) <= x <= max(ax, bx) and ax != bx:
             row = float(ay + (by - ay) * (x - ax) / (bx - ax))
-            if row >= bottom - sunk and (found is None or row < found[0]):
+            if row >= y and (found is None or row < found[0]):
                 found = row, ground
     return found
 
@@ -225,11 +217,10 @@ def silhouette(
     x, y = map(float, center)
     below = None
     if grounds:
+        # its middle, as an impact presses it into the floor for a while; a thin one may be seen below the floor's line
         rows = np.flatnonzero(coverage.max(axis=1) > 0.5) if coverage.size else np.zeros(0, int)
         bottom = float(corner[1] + (int(rows[-1]) if len(rows) else 0))
-        if actor.radius is not None:
-            bottom, tilt = y + actor.radius, 0.0
-        below = ground_below(grounds, x, bottom, SUNK + tilt * actor.thick / 2)
+        below = ground_below(grounds, x, min(y, bottom - SUNK - tilt * actor.thick / 2))
     shape = Silhouette(coverage, corner, (x, y), actor.radius, actor.thick, None)
     if below is None:
         return shape

@@ -51,7 +51,7 @@ class ShadowTuning:
     gap: int = 4  # px: half the width of gaps between objects in which no background is seen
     deepest: float = 3.5  # -log of the least light that a shadow leaves
     near: float = 0.5  # of an object's size: how far around it what is dark may be its own
-    claimed: tuple[float, float] = (0.02, 0.3)
+    claimed: tuple[float, float] = (0.02, 0.1)
     """Sum of objects' claims on a pixel from which its plate gives way to the clean picture, and where it is that."""
     explained: float = 0.5
     """Share of the spread of shadows' offsets that one near lamp must explain, to be believed."""
@@ -178,6 +178,9 @@ class LitBackground:
 
 def predicted_shadow(what: Silhouette, setting: ShadowSetting, step: int) -> tuple[PixelBox, F32] | None:
     """`darkness`, worked out on a grid of `step` px: shadows are soft, and large objects have large shadows."""
+    if what.radius is not None and step in (2, 3):  # quick, and few rows of a floor: no steps at its edge
+        found = shadow_darkness(what, setting)
+        return found and (found[0], blurred(found[1], 0.4 * step))
     if step == 1:
         return shadow_darkness(what, setting)
     (x, y), (h, w) = what.corner, what.coverage.shape
@@ -284,8 +287,8 @@ def decompose_shadows(
     (deep, fewest), (quantile, least) = SHADOW.compared, SHADOW.lacking
     there = open_ & (total > deep)
     if np.count_nonzero(there) > fewest:
-        lacking = np.quantile(np.expm1(-dark[there]) / np.expm1(-total[there]), quantile)
-        setting = replace(setting, lacking=float(np.clip(lacking, least, 1)))
+        middle, high = np.quantile(np.expm1(-dark[there]) / np.expm1(-total[there]), (0.5, quantile))
+        setting = replace(setting, lacking=float(max(min(high, 1.0), middle, least)))
         firsts, total = _predicted(everybody, steps, setting)
     rest = _spread_into(cv2.medianBlur(dark - total, 5) * weight, weight, SHADOW.smooth)
     # behind objects the difference goes on smoothly; nothing there is brighter than without shadows

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.geometry.polygon import Disc, Outline
+from physgen.geometry.polygon import Disc, Outline, bounds
 from physgen.geometry.raster import coverage_box
 from physgen.geometry.shadows import PixelBox
 from physgen.maps import F32, U8, U16
@@ -89,6 +89,7 @@ class SpriteTuning:
     beside: float = 0.35
     """Of an object's size (root of its mask's area): how far what the lens sees of it may lie beside its shape."""
     face: float = 0.35  # of that: how far above its shape a face of it that is seen on one side only
+    shaded: float = 0.8  # of the usual light of a row of its top, that the shadows of others leave at most
     flat: float = 2.0  # px by which the top of a shape may rise and be level
     texture: float = 3.0  # px: what is finer is texture, what is coarser is shading
     glint: float = 2.0  # times its mean: what texture stands out more is no texture
@@ -329,6 +330,10 @@ def cut_sprites(
         if k in hidden or (dilate(by, CUT.clean) & mine).any():
             part = hidden.get(k) or _Hidden(boxes[k + 1], labels[box], np.zeros_like(alpha), none, by)
             light, alpha = _completed(photo[box], mine, light, alpha, coverage[box], part, lit, disc)
+            if k < len(shapes) and not disc:
+                plain, shaded = _unshaded_top(photo[box], mine, by, bounds(shapes[k])[1] - y0)
+                light = np.where(shaded[..., None], plain * alpha[..., None], light)
+                touching = np.where(shaded, _nearest(others, none, sum(labels.shape)), touching)
         sprites.append(
             Sprite(
                 body=k,
@@ -350,6 +355,25 @@ class _Hidden:
     shape: F32  # (h, w) coverage
     hole: Mask  # (h, w): hidden pixels
     by: Mask  # (h, w): pixels of what hides it, or any other object
+
+
+def _unshaded_top(photo: F32, mine: Mask, by: Mask, row: float) -> tuple[F32, Mask]:
+    """(h, w, 3) an object with its top, which is seen on either side of the first `row` of its shape, in even light;
+    and (h, w) where that has the shadows of others, `by`, that stand on it."""
+    first, free = int(mine.any(axis=1).argmax()), mine & ~dilate(by, CUT.clean)
+    x, plain, dark, top = np.arange(mine.shape[1]), photo.copy(), np.zeros_like(mine), np.zeros_like(mine)
+    for y in range(first, ceil(2 * row - first) if row - first > 0.7 else first):
+        if not free[y].any():
+            continue
+        level = photo[y].mean(axis=1)
+        dark[y] = free[y] & (level < CUT.shaded * np.percentile(level[free[y]], 70))
+        lit = free[y] & ~dark[y]
+        if 3 * np.count_nonzero(lit) > len(x):
+            top[y], line = True, np.polynomial.polynomial.polyfit(x[lit], photo[y][lit], 1)
+            plain[y] = np.maximum(np.outer(x, line[1]) + line[0], 0)
+    _, parts = cv2.connectedComponents(dark.astype(np.uint8))
+    shade = np.isin(parts, parts[dark & dilate(by, CUT.clean + 2)])
+    return plain, top & dilate(shade | by, CUT.clean + 1) & shade.any()
 
 
 def _hidden(labels: U16, absent: Mask, k: int, shape: Outline, box: PixelBox) -> _Hidden | None:

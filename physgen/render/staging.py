@@ -61,6 +61,9 @@ class StagingTuning:
     stray: float = 0.03  # share of a ball's pixels that may lie outside its circle
     around: float = 0.75  # of a disc's ring that must be seen, for light to be told from paint
     uneven: float = 0.7  # change once around, of the mean, from which it is paint
+    box: float = 0.9  # of the box around it, that a block fills
+    edged: float = 0.3  # of the spread of an edge's light that one direction must explain, to be light
+    lit: float = 0.5  # of a face's light, by which that of its edges changes with their direction, at most
     thread: float = 2.0  # px: how thick what hangs on a ball is
     steep: float = 0.25  # rise over run from which a boundary is no floor: shadows of a slope lie elsewhere
     mirrored: int = 60  # px below an object's foot in which a floor is asked what it mirrors
@@ -263,6 +266,8 @@ def lit_stage(
             sprites = [_relieved(sprite, maps.normals, light) for sprite in sprites]
         elif top:
             sprites = [_turned_disc(sprite, world.bodies[sprite.body]) for sprite in sprites]
+        if not top:
+            sprites = [_edged(sprite, light) for sprite in sprites]
     if not scene.render.shadows:
         return Stage(background, anchored(sprites, decode(maps.rgb), decode(background), absent))
     rounds = [world.bodies[s.body].radius is not None and not loose for s, loose in parts]
@@ -368,7 +373,7 @@ def passed(ground: Array, labels: NDArray[np.uint16], shadows: NDArray[np.uint16
         if not len(rows):
             continue
         bottom = float(rows.max())
-        found = ground_below([ground], float(columns.mean()), bottom)
+        found = ground_below([ground], float(columns.mean()), bottom - SUNK)
         if found is not None and found[0] - bottom < 2 * SUNK:
             seen += 1
             below += bool(np.median(np.nonzero(shadows == i)[0]) > found[0] + SUNK)
@@ -381,7 +386,11 @@ def thickness(body: Body, top: bool) -> float:
         return 2 * body.radius if body.solid is Solid.SPHERE or not top else STAGING.flat * body.radius
     points = np.concatenate(body.pieces)
     width, height = np.ptp(points, axis=0).tolist()
-    return float(STAGING.deep * np.sqrt(width * height) * (0.6 if top else 1.0))
+    deep = float(STAGING.deep * np.sqrt(width * height) * (0.6 if top else 1.0))
+    # what stands and is no box was turned on a wheel or a lathe
+    w, h = cv2.minAreaRect(points.astype(np.float32))[1]
+    full = sum(cv2.contourArea(piece.astype(np.float32)) for piece in body.pieces) > STAGING.box * w * h
+    return deep if top or full else min(deep, width)
 
 
 def seen_share(
@@ -488,6 +497,39 @@ def _relieved(sprite: Sprite, normals: F32, light: DistantLight) -> Sprite:
     own[there] = normals[here]
     known[there] = sprite.coverage[there] > 0.7
     return replace(sprite, relief=relief_of(own, known, light))
+
+
+def _edged(sprite: Sprite, light: DistantLight) -> Sprite:
+    """Anything but a ball, its edges rounded where the photo shows them lit: what changes on rings inside its outline
+    as one direction towards the light has it stays as the object turns; more is paint."""
+    solid = (sprite.coverage >= 1).astype(np.uint8)
+    if sprite.sides is not None:
+        solid[: ceil(sprite.sides.first)] = 0
+    away = cv2.distanceTransform(np.pad(solid, 1), cv2.DIST_L2, 5)[1:-1, 1:-1]
+    if sprite.ball is not None or sprite.relief is not None or not (away > 2 * CUT.rim).any():
+        return sprite
+    soft = cv2.GaussianBlur(solid.astype(np.float32), (0, 0), CUT.clean)
+    x, y = (-cv2.Sobel(soft, cv2.CV_32F, *axes) for axes in ((1, 0), (0, 1)))
+    normal = np.stack([x, y], axis=2) / np.maximum(np.hypot(x, y), 1e-6)[..., None]
+    bright, inner = sprite.light.mean(axis=2), (away > CUT.rim).astype(np.float32)
+    near = [np.maximum(cv2.GaussianBlur(part, (0, 0), CUT.along), 1e-4) for part in (bright * inner, inner)]
+    edge = bright * near[1] / near[0] - 1
+    gain, ring, strength = np.zeros_like(normal), np.maximum(np.ceil(away), 1), [0.0] * CUT.rim
+    for d in range(1, CUT.rim + 1):
+        here = (ring == d) & (solid > 0)
+        there, change = normal[here] - normal[here].mean(axis=0), edge[here] - edge[here].mean()
+        slope = np.linalg.lstsq(there, change)[0]
+        explained = ((there @ slope) ** 2).sum() > STAGING.edged * (change**2).sum()
+        if explained and slope @ light.direction[:2] > 0:
+            strength[d - 1] = min(float(np.hypot(*slope)), STAGING.lit)
+            gain[ring == d] = slope * strength[d - 1] / np.hypot(*slope)
+    if max(strength) <= 2 * strength[-1]:  # there is no edge, or all of it is round
+        return sprite
+    (x, y), (gx, gy) = (np.moveaxis(part, 2, 0) for part in (normal, gain))
+    toward, across = gx * x + gy * y, gx * y - gy * x
+    model = np.maximum(1 + toward, 1 / MOST_RELIGHTING)
+    parts = (toward, across, np.ones_like(toward), np.zeros_like(toward))
+    return replace(sprite, relief=Relief(*(np.asarray(part / model, np.float32) for part in parts)))
 
 
 def _turned_disc(sprite: Sprite, body: Body) -> Sprite:

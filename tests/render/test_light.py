@@ -19,7 +19,7 @@ from physgen.photometry import DistantLight, decode, encode_u8
 from physgen.render import staging
 from physgen.render.atlas import BallSprites
 from physgen.render.ball import ball_from_photo, equal_area
-from physgen.render.shadow_decomposition import decompose_shadows
+from physgen.render.shadow_decomposition import decompose_shadows, predicted_shadow
 from physgen.render.sprites import Sides, Sprite, lambert, relief_of
 from physgen.render.stage import Placement, draw_sprite, place_sprite
 from physgen.scene.scene import Solid, View
@@ -257,17 +257,29 @@ def test_a_wall_beside_takes_the_shadow_where_the_light_meets_it(ball, area) -> 
     assert not list(shadows_on_sides(replace(what, walls=(False, False)), setting(LOW, 0.1, top=False)))
 
 
-def test_shadows_are_as_deep_as_those_of_the_photo() -> None:
-    """The light keeps its strength in the scene file; half of what a shadow lacks comes back from other surfaces."""
+@pytest.mark.parametrize("depth", [0.5, 1.2])
+def test_shadows_are_as_deep_as_those_of_the_photo(depth: float) -> None:
+    """The light keeps its strength in the scene file; half of what a shadow lacks comes back from other surfaces, or
+    the light was taken for too weak."""
     cover = np.zeros((300, 300), np.float32)
     cover[120:200, 60:120] = 1
-    what, model = Silhouette(cover, (0, 0), (89.5, 159.5), None, 40.0, 199.5), setting(LOW, 3.0, top=False)
+    what = Silhouette(cover[120:200, 60:120], (60, 120), (89.5, 159.5), None, 40.0, 199.5)
+    model = setting(DistantLight(LOW.direction, 1.0, 0.3), 3.0, top=False)
     (x0, y0, x1, y1), dark = shadow_darkness(what, model)
     light = np.full((300, 300, 3), 0.4, np.float32)
-    light[y0:y1, x0:x1] *= 1 - 0.5 * (1 - np.exp(-dark))[..., None]
+    light[y0:y1, x0:x1] *= np.maximum(1 - depth * (1 - np.exp(-dark)), 0.02)[..., None]
     clean = np.full((300, 300, 3), encode_u8(np.float32(0.4)), np.uint8)
     lit, _ = decompose_shadows(encode_u8(light), clean, cover, [what], [False], model)
-    assert 0.45 < lit.setting.direct((0, -1, 0)) / model.direct((0, -1, 0)) < 0.65
+    assert lit.setting.direct((0, -1, 0)) / model.direct((0, -1, 0)) == pytest.approx(depth + 0.05, abs=0.1)
+
+
+def test_the_edge_of_a_balls_shadow_on_a_floor_has_no_steps() -> None:
+    """Its upper border rises, and falls, by parts of pixels: of columns that follow on each other, few are alike."""
+    found = predicted_shadow(ball_at(100, 175, 25.0, floor=200.0), setting(LOW, 0.3, top=False, tilt=0.13), 2)
+    assert found is not None
+    area = found[1].sum(axis=0)
+    area = area[area > 0.2 * area.max()]
+    assert np.abs(np.diff(area, 3)).max() < 0.05 * area.max()
 
 
 def test_beneath_a_thing_that_leans_the_sky_is_hidden() -> None:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
 from physgen.geometry.shadows import ShadowSetting, Silhouette
 from physgen.photometry import DistantLight
+from physgen.render import occlusion
 from physgen.render.occlusion import occluders, occlusion_of
 
 LIGHT = DistantLight((-0.6, -0.48, 0.64), 1.0, 0.25)
@@ -86,3 +88,20 @@ def test_a_floor_darkens_the_underside_of_a_ball_that_lies_on_it() -> None:
     assert dark[: 115 - lies.corner[1]].max() < 0.02
     assert occlusion_of(replace(lies, floor=160.0), [], setting(False)) is None
     assert occlusion_of(ball(100, 100, 30), [], setting(False)) is None
+
+
+def test_the_shadow_on_what_leans_is_as_even_as_on_a_fine_grid(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The box of what leans is mostly empty: its size says nothing of how fine the grid has to be."""
+    cover = cv2.warpAffine(
+        np.ones((250, 42), np.float32), np.array([[0.7, 0.7, 4.0], [-0.7, 0.7, 34.0]]), (215, 215)
+    )
+    onto = Silhouette(cover, (100, 100), (205, 205), None, 80, None)
+    other = slab(120, 60, 80, 120, 240)
+    dark = occlusion_of(onto, [other], setting(False))
+    monkeypatch.setattr(occlusion, "OCCLUSION", replace(occlusion.OCCLUSION, cells=1000))
+    fine = occlusion_of(onto, [other], setting(False))
+    assert dark is not None
+    assert fine is not None
+    there = cover > 0.9
+    assert fine[there].max() > 0.8
+    assert np.abs(dark - fine)[there & (np.abs(fine - fine.max()) > 0.1)].mean() < 0.04

@@ -45,8 +45,7 @@ def test_objects_take_their_shadows_and_rims_with_them(bundled: Path, name: str)
     old = np.abs(maps.rgb.astype(int) - maps.clean).max(axis=2) > 20
     assert np.count_nonzero(old) > 3000
     off = np.abs(empty - maps.clean).max(axis=2)
-    assert np.percentile(off[old], 99) <= 3
-    assert off[old].max() <= 24  # 17 px at the far edge of the flying ball's shadow
+    assert off[old].max() <= 2
 
 
 def test_marbles_leave_no_rims_beside_their_trough(bundled: Path) -> None:
@@ -205,3 +204,47 @@ def test_what_left_takes_its_line_off_an_object_that_moved_a_little_itself(bundl
     _, last = (frame.rgb.astype(int) for frame in pipeline.render(stage, replace(track, poses=poses)))
     line, below = (decode(rows.astype(np.uint8)).mean() for rows in (last[286, 210:225], last[289, 210:225]))
     assert line > 0.85 * below
+
+
+def posed(compiled: Compiled, stage: Stage, **poses: list[tuple[float, float, float]]) -> list[np.ndarray]:
+    """sRGB of frames with objects at poses, by name, a frame after the other; the others stay."""
+    track = simulate(compiled.world, np.arange(1 + max(map(len, poses.values()))) / 1e9)
+    track.poses[1:] = track.poses[0]
+    for name, path in poses.items():
+        track.poses[1:, track.names.index(name.replace("_", "-"))] = path
+    return [frame.rgb.astype(int) for frame in pipeline.render(stage, track)][1:]
+
+
+def test_what_an_impact_presses_into_the_floor_keeps_shadow_and_reflection(bundled: Path) -> None:
+    _, compiled, stage = opened(bundled, "dominoes")
+    path = [(842, 389.7, 1.5708), (842, 391.1, 1.5545), (842, -4e3, 1.5708)]
+    lies, sunk, away = posed(compiled, stage, domino_9=path)
+    for there in (np.s_[408:412, 790:890], np.s_[395:403, 922:945]):  # reflection, shadow
+        effect = np.abs(lies[there] - away[there]).mean()
+        assert effect > 8
+        assert np.abs(sunk[there] - lies[there]).mean() < 0.45 * effect
+
+
+def test_a_bottle_no_deeper_than_wide_leaves_the_spine_of_a_deep_book_in_the_light(bundled: Path) -> None:
+    """As in the set that the photo was taken of: the lamp shines from the front, and the spine is nearer to it."""
+    _, compiled, stage = opened(bundled, "bottle-book")
+    lean, bottle = (183.1, 334.4, 0.561), (283.5, 335, 0)
+    beside, alone = posed(compiled, stage, book=[lean] * 2, bottle=[bottle, (9e3, 0, 0)])
+    assert np.abs(beside - alone)[230:290, 205:235].mean() < 1
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_light_comes_from_above_onto_the_edges_of_what_lies(bundled: Path, side: int) -> None:
+    """Its edges are rounded: upright, the photo shows the left one lit and the right one dark."""
+    _, compiled, stage = opened(bundled, "dominoes")
+    [lies] = posed(compiled, stage, domino_9=[(840, 390.0, side * np.pi / 2)])
+    rows = lies[378:406, 790:890].mean(axis=(1, 2))
+    assert rows[4:8].max() > rows[-8:].max() + 8
+    assert rows[3] > rows[2] - 10, "no dark line between its top and its front"
+
+
+def test_a_ball_takes_its_shadow_off_the_top_of_the_book_on_which_it_lay(bundled: Path) -> None:
+    _, compiled, stage = opened(bundled, "shelf")
+    first, empty = (rgb[401:407].mean(axis=(0, 2)) for rgb in emptied(compiled, stage, "book-2"))
+    assert first[78:135].min() < 0.6 * first[150:170].mean()
+    assert np.abs(empty[50:170] - empty[150:170].mean()).max() < 0.15 * empty[150:170].mean()
