@@ -1,14 +1,14 @@
 """A sphere in the photo: its colour without light, its gloss, and its shading.
 
-The colour turns with the ball; shading and highlights stay where the light is. A point of the far side has the colour
-of its antipode: stripes go on round the ball, and numbers have their like behind. A ball has few paints: with each
+The colour turns with the ball; shading and highlights stay where the light is. A ball has few paints: with each
 pixel's paint known, what else changes evenly over the ball is light; with light known, paints tell apart. Both are
-found in turn, in logarithms.
+found in turn, in logarithms. Where a band, a cut or a disc explains the near side, the ball is painted so all over;
+else a point of the far side has the colour of its antipode.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -56,7 +56,22 @@ class BallTuning:
     gloss_least: float = 0.6  # linear light that the dimmest channel of a highlight has at least
     outshines: float = 1.2  # times the brightest paint elsewhere on the ball that a highlight has at least
     clipped: float = 0.9  # linear light that hardly any paint sends back
-    angles: int = 128  # places along the rim at which paints are looked up
+    axes: int = 400  # directions in which borders of two paints are looked for
+    steps: int = 64  # places of a border along each
+    lopsided: float = 0.01  # share of pixels that a cut explains more than a band, at least
+    closer: tuple[float, ...] = (0.08, 0.03, 0.01, 0.0)  # rad around the best, in which to look next
+    disc: float = 0.8  # cosine of a disc's radius, at least
+    seen: float = 0.2  # cosine to the viewer, up to which the photo shows what is written
+    least: int = 80  # pixels that tell paints
+    marked: float = 0.015  # share of pixels that a disc explains, at least
+    explained: float = 0.9  # of the pixels, by a pattern that a ball is painted with
+    contrast: float = (
+        1.0  # of log light in some channel, by which two paints differ: shades of one differ less
+    )
+    together: int = 5  # balls, at least, that tell lamps from their neighbours
+    most_show: float = 70.0  # percentile of what they reflect that a lamp does
+    lamps: float = 0.05  # of a ball's width, by which that may lie elsewhere on each
+    beside: float = 0.3  # of the way between two paints: what is farther off it is neither
     gloss_cosine: float = 0.80
     """Of the angle between a highlight's normal and the mirror's direction, at least."""
 
@@ -81,7 +96,7 @@ class Paints:
 def find_paints(bare: F32, u: F32, v: F32, z: F32, use: NDArray[np.bool_]) -> Paints | None:
     """`bare` (h, w, 3) is light over Lambert's shading of the normals (u, v, z), from the pixels in `use`."""
     used = np.flatnonzero(use)
-    if len(used) < 80:
+    if len(used) < BALL.least:
         return None
     used = used[:: -(-len(used) // BALL.most_pixels)]
     level: Array = np.log(np.maximum(bare.reshape(-1, 3)[used], 0) + np.float32(BALL.dim)).astype(np.float64)
@@ -172,7 +187,116 @@ def _nearest(points: Array, centers: Array) -> Ids:
 
 
 RIM = 0.955  # of the radius: farther out pixels are mixed, and so much foreshortened that they tell little
-NEAR_RIM = 0.75, 0.9  # of the radius: between these, pixels give way to paints
+
+
+@dataclass(frozen=True)
+class Border:
+    """A plane that parts a sphere, or two that are each other's mirror image."""
+
+    normal: Array  # (3,) z to the viewer
+    at: float  # radii from the middle
+    folded: bool  # whether there are two
+    sign: float  # of `values` beyond
+
+    def values(self, points: Array) -> Array:
+        """(...) of points (..., 3): their distance from it in radii, about; of either sign."""
+        along = points @ self.normal
+        away = (np.abs(along) if self.folded else along) - self.at
+        return np.asarray(self.sign * away / np.sqrt(max(1 - self.at**2, 0.1)))
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """Two paints on a sphere: a band or a cut, and perhaps a disc with its like at the antipode."""
+
+    colours: F32  # (2, 3) linear: where `values` are negative, and where positive
+    border: Border
+    disc: Border | None = None  # which shows what the photo shows there
+
+    def values(self, points: Array) -> Array:
+        """(...) of points (..., 3): their distance from a border in radii, about; of either sign."""
+        values = self.border.values(points)
+        if self.disc is None:
+            return values
+        other = -np.sign(self.border.values(self.disc.normal))
+        return np.asarray(other * np.maximum(other * values, self.disc.values(points)))
+
+    def painted(self, points: Array, soft: float) -> F32:
+        """(..., 3) colours of points (..., 3); a border is `soft` radii wide."""
+        share = np.clip(0.5 + self.values(points) / soft, 0, 1)[..., None].astype(np.float32)
+        return np.asarray(self.colours[0] + share * (self.colours[1] - self.colours[0]), np.float32)
+
+    def written(self, points: Array, soft: float) -> tuple[F32, Array]:
+        """(..., 1) how far points (..., 3) are in a disc, and where what is written on it shows, (..., 3).
+
+        Its like is that turned by half about the band's normal: a number can be read there.
+        """
+        if self.disc is None:
+            return np.zeros((*points.shape[:-1], 1), np.float32), points
+        middle, up = self.disc.normal, self.border.normal
+        if abs(middle @ up) > 0.9:
+            up = np.eye(3)[np.abs(middle).argmin()]
+        up = up - (up @ middle) * middle
+        up = up / np.linalg.norm(up)
+        behind = 2 * (points @ up)[..., None] * up - points
+        there = np.where((points @ middle)[..., None] > 0, points, behind)
+        share = np.clip(self.disc.values(points) / soft - 0.5, 0, 1) * (there[..., 2] > BALL.seen)
+        return share[..., None].astype(np.float32), there
+
+
+def find_pattern(seen: F32, colours: F32, points: Array) -> Pattern | None:
+    """Of skin `seen` (n, 3) at `points` (n, 3) that has `colours` (K, 3), the most frequent first; None: no such."""
+    counts = np.bincount(np.abs(seen[:, None] - colours).max(axis=2).argmin(axis=1), minlength=len(colours))
+    other = colours[np.argmax(counts * ((colours - colours[0]) ** 2).sum(axis=1))]
+    pair = np.stack([colours[0], other])
+    way = (pair[1] - pair[0]).astype(np.float64)
+    if np.abs(np.diff(np.log(pair + BALL.dim), axis=0)).max() < BALL.contrast:
+        return None
+    share = (seen - pair[0]) @ way / (way @ way)
+    off = np.linalg.norm(seen - pair[0] - np.clip(share, 0, 1)[:, None] * way, axis=1)
+    clear = off < BALL.beside * np.linalg.norm(way)
+    value, at = np.where(share > 0.5, 1.0, -1.0)[clear], points[clear]
+    if len(value) < BALL.least:
+        return None
+    (share_band, border), (share_cut, cut) = (_border(at, value, folded=folded) for folded in (True, False))
+    if share_cut > share_band + BALL.lopsided:
+        border = cut
+    found = Pattern(pair, border)
+    right = value * found.values(at) > 0
+    if border.folded and border.at > BALL.disc:  # but for discs it is of one paint
+        found = Pattern(pair, replace(border, at=2.0), replace(border, sign=1.0))
+    else:
+        share_disc, disc = _border(at, np.where(right, -1.0, 1.0), folded=True)
+        if disc.sign > 0 and disc.at > BALL.disc and share_disc > right.mean() + BALL.marked:
+            found = replace(found, disc=disc)
+    return found if (value * found.values(at) > 0).mean() > BALL.explained else None
+
+
+def _border(points: Array, value: Array, *, folded: bool) -> tuple[float, Border]:
+    """What best parts `points` (n, 3) by their `value` (n,), 1 or -1; and the share that it parts rightly."""
+    k, n = np.arange(BALL.axes) + 0.5, BALL.steps if folded else 2 * BALL.steps
+    level, turn = (
+        np.sqrt(1 - (k / BALL.axes) ** 2),
+        np.pi * (1 + 5**0.5) * k,
+    )  # on a spiral over half a sphere
+    axes = np.column_stack([level * np.cos(turn), level * np.sin(turn), k / BALL.axes])
+    every = -(-len(value) // BALL.most_pixels)
+    for wide in BALL.closer:
+        along = points[::every] @ axes.T
+        place = (n * (np.abs(along) if folded else (along + 1) / 2)).astype(np.int64)
+        place = np.minimum(place, n - 1) + n * np.arange(len(axes))
+        weights = np.broadcast_to(value[::every, None], place.shape).ravel()
+        sums = np.bincount(place.ravel(), weights, n * len(axes)).reshape(-1, n).cumsum(axis=1)
+        gain = sums[:, -1:] - 2 * sums  # what is beyond, less what is within
+        best, step = np.unravel_index(np.argmax(np.abs(gain)), gain.shape)
+        normal, most, at = axes[best], gain[best, step], (step + 1) / n
+        shift = wide * np.linspace(-1, 1, 5)
+        right, down = np.linalg.svd(normal[None])[2][1:]
+        axes = normal + (shift[:, None, None] * right + shift[:, None] * down).reshape(-1, 3)
+        axes /= np.linalg.norm(axes, axis=1)[:, None]
+        every = 1
+    found = Border(normal, float(at if folded else 2 * at - 1), folded, float(np.sign(most)))
+    return 0.5 + abs(most) / (2 * len(value)), found
 
 
 @dataclass(frozen=True)
@@ -189,9 +313,7 @@ class Ball:
     even: F32 | None = None  # (8, 3) of `paints.basis`: log of what light does beyond Lambert's law
     trust: float = 1.0
     """0..1: how far the photo shows this light on it; the power that Lambert's shading is raised to."""
-    paints: F32 | None = (
-        None  # (K, 3) linear, of a ball that is seen from above: all that its skin has at the rim
-    )
+    pattern: Pattern | None = None  # of a ball that is seen from above
     fade: F32 | None = None  # (h, w) by which the light at the rim differs from that; it does not turn
 
     def shade(self, u: F32, v: F32, z: F32) -> F32:
@@ -267,23 +389,30 @@ def ball_from_photo(
         cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
         paint = np.argmin([np.abs(seen - c).max(axis=2) for c in found.colours], axis=0).astype(np.uint8)
         flat = found.colours[cv2.medianBlur(paint, 3)]  # without what is narrower than 2 px
+        points, pattern = np.stack(np.broadcast_arrays(su, sv, z), axis=-1), None
+        if view is View.TOP:
+            use = (rho < RIM) & (shine.max(axis=2) <= 0)
+            pattern = find_pattern(seen[use], found.colours, points[use])
+        if pattern is not None:
+            flat = pattern.painted(points, 1 / radius)
+            shine = np.minimum(shine, np.maximum(inner - flat * lit, 0))
+            seen = (inner - shine) / lit
         excess = np.maximum(seen - BALL.excess * cv2.dilate(flat, cross), 0)
         excess = cv2.morphologyEx(excess, cv2.MORPH_OPEN, cross)  # a line is paint
         bare, shine = seen - excess, shine + excess * lit
-        ball = replace(ball, gloss=shine)
-        if view is View.TOP:
-            ball = replace(ball, paints=found.colours)
-        ball = replace(ball, skin=bare)
+        if pattern is not None:
+            ink = np.minimum(bare, pattern.colours.max(axis=0))
+            bare = flat + pattern.written(points, 1 / radius)[0] * (ink - flat)
+        ball = replace(ball, skin=bare, gloss=shine, pattern=pattern)
     if _plain(bare, su, sv, z, rho < RIM):
         # a ball of one colour looks the same however it has turned: all that is uneven is light, and stays
         even = np.broadcast_to(np.median(bare[rho < RIM], axis=0), bare.shape).copy()
-        ball = replace(ball, skin=even, paints=None)
+        ball = replace(ball, skin=even, pattern=None)
         return replace(ball, gloss=colour - ball.skin * ball.lit)
     # no skin sends back more than the brightest that is seen of it in full light
     brightest = np.percentile((inner - shine)[rho < RIM], 98, axis=0) if (rho < RIM).any() else np.ones(3)
     most = BALL.brighter * brightest / (light.ambient + light.intensity)
-    paints = None if ball.paints is None else np.minimum(ball.paints, most.astype(np.float32))
-    ball = replace(ball, skin=np.minimum(ball.skin, most.astype(np.float32)), paints=paints)
+    ball = replace(ball, skin=np.minimum(ball.skin, most.astype(np.float32)))
     # what the model has not of the rim is the light's doing, and stays: its brightness, not its colours
     model = (ball.skin * ball.lit).mean(axis=2)
     share = blurred_share(
@@ -314,49 +443,60 @@ def _shown(colour: F32, shade: F32, inside: NDArray[np.bool_]) -> float:
 def blurred_share(seen: F32, model: F32, weight: F32, sigma: float) -> F32:
     """(h, w) how much brighter an object is than its model, evenly."""
     above, below = (cv2.GaussianBlur(part * weight, (0, 0), sigma) for part in (seen, model))
-    return np.asarray(np.clip(above / np.maximum(below, 1e-3), 1 / BALL.fades, BALL.fades), np.float32)
+    share = (above + np.float32(BALL.dim)) / (below + np.float32(BALL.dim))  # dark skin tells little
+    return np.asarray(np.clip(share, 1 / BALL.fades, BALL.fades), np.float32)
 
 
-def equal_area(skin: F32, center: Array, radius: float, paints: F32 | None) -> F32:
-    """(h, w, 3) the near side of a `skin` (h, w, 3) in Lambert's azimuthal equal-area projection.
+def in_one_light(balls: Sequence[Ball]) -> list[Ball]:
+    """Painted balls with what they reflect of lamps, which show at the same normals of all: not their neighbours, nor
+    highlights that are cut off where paint is as bright."""
+    painted = [ball for ball in balls if ball.pattern is not None]
+    if len(painted) < BALL.together:
+        return list(balls)
+    side = round(2 * max(ball.radius for ball in painted)) + 1
 
-    There the rim, which the photo hardly shows, is wide enough for borders between `paints` to go on from where they
-    meet it to where those of the antipodes do: signed distances from borders change evenly between them.
+    def sampled(picture: F32, *at: Array) -> F32:
+        x, y = np.meshgrid(*at)
+        found = cv2.remap(picture, x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR)
+        return np.asarray(found, np.float32)
+
+    middles = {id(ball): np.subtract(ball.center, ball.corner)[:, None] for ball in painted}
+    grid = np.linspace(-1, 1, side)
+    shines = np.array([sampled(ball.gloss, *(middles[id(ball)] + ball.radius * grid)) for ball in painted])
+    shared = np.percentile(shines, BALL.most_show, axis=0).astype(np.float32)
+    usual = shines[np.abs(shines - shared).sum(axis=(1, 2, 3)).argmin()]
+    reach = np.ones((2 * round(BALL.lamps * side) + 1,) * 2, np.uint8)
+    most, level = (picture.mean(axis=2, keepdims=True) for picture in (cv2.dilate(shared, reach), usual))
+    usual = usual * np.minimum(most / np.maximum(level, 1e-6), 1)
+
+    def relit(ball: Ball) -> Ball:
+        shape, half = ball.gloss.shape[1::-1], (side - 1) / 2
+        at = (np.arange(n) - c for n, c in zip(shape, middles[id(ball)], strict=True))
+        return replace(ball, gloss=sampled(usual, *(half * (way / ball.radius + 1) for way in at)))
+
+    return [relit(ball) if ball.pattern is not None else ball for ball in balls]
+
+
+def equal_area(skin: F32, center: Array, radius: float, pattern: Pattern | None) -> list[F32]:
+    """(h, w, 3) near and far side of a `skin` (h, w, 3) in Lambert's azimuthal equal-area projection, each as seen from
+    the photo's side.
+
+    There the rim, which the photo hardly shows, is wide.
     """
-    n, last = BALL.angles, float(np.sqrt(1 - RIM * RIM))
-
-    def seen(u: Array, v: Array) -> F32:
-        x, y = (np.asarray(c + radius * part, np.float32) for c, part in zip(center, (u, v), strict=True))
-        return np.asarray(
-            cv2.remap(skin, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32
-        )
-
     x, y = ((np.arange(size) - c) / radius for size, c in zip(skin.shape[1::-1], center, strict=True))
     u, v = np.meshgrid(x, y)
-    z = 1 - u * u - v * v
-    out = np.sqrt(1 + np.maximum(z, 0))
-    found = seen(out * u, out * v)
-    if paints is None or len(paints) < 2:
-        return found
-    turn = 2 * np.pi * np.arange(n)[None] / n
-    rim = seen(RIM * np.cos(turn), RIM * np.sin(turn))[0]
-    painted = np.abs(rim[:, None] - paints).max(axis=2).argmin(axis=1)[:, None] == np.arange(len(paints))
-    apart = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
-    apart = np.minimum(apart, n - apart)[..., None]
-    to, off = (np.where(part[None], apart, n).min(axis=1) for part in (painted, ~painted))
-    border = off - to  # (n, K)
-    edge = z < last
-    at = np.rint(np.arctan2(v[edge], u[edge]) / (2 * np.pi) * n).astype(int)
-    share = (0.5 - 0.5 * np.maximum(z[edge], 0) / last)[:, None]
-    mixed = (1 - share) * border[at % n] + share * border[(at + n // 2) % n]
-    found[edge] = paints[mixed.argmax(axis=1)]
-    # the rim draws out a pixel's steps to teeth: borders between paints are evened out, and stay sharp
-    paint = np.abs(found[:, :, None] - paints).max(axis=3).argmin(axis=2)
-    weight = np.eye(len(paints), dtype=np.float32)[paint]
-    weight = cv2.GaussianBlur(weight, (0, 0), max(BALL.even * radius, 0.5)) ** 4
-    even = weight @ paints / weight.sum(axis=2, keepdims=True)
-    out = np.sqrt(1 - np.clip(z, 0, 1) ** 2)[..., None]
-    found += np.clip((out - NEAR_RIM[0]) / (NEAR_RIM[1] - NEAR_RIM[0]), 0, 1) * (even - found)
+    z = np.maximum(1 - u * u - v * v, -1)
+    out = np.sqrt(1 + z)
+    found = []
+    for side in (1, -1):
+        points = np.dstack([out * u, out * v, side * z])
+        share, there = np.ones((1, 1, 1), np.float32), side * points
+        if pattern is not None:
+            share, there = pattern.written(points, 1 / radius)
+        px, py = (np.asarray(c + radius * there[..., k], np.float32) for k, c in enumerate(center))
+        seen = cv2.remap(skin, px, py, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        plain = seen if pattern is None else pattern.painted(points, 2 / radius)
+        found.append(np.asarray(plain + share * (seen - plain), np.float32))
     return found
 
 
