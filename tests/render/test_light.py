@@ -21,7 +21,7 @@ from physgen.render.atlas import BallSprites
 from physgen.render.ball import ball_from_photo, in_one_light
 from physgen.render.shadow_decomposition import decompose_shadows
 from physgen.render.sprites import Sides, Sprite, lambert, relief_of
-from physgen.render.stage import Placement, draw_sprite, place_sprite
+from physgen.render.stage import Placement, draw_border, draw_sprite, place_sprite
 from physgen.scene.scene import Solid, View
 from physgen.simulate.engine import simulate
 
@@ -497,6 +497,19 @@ def test_lamps_stay_on_balls_and_neighbours_do_not() -> None:
         assert ball.gloss[lamp.max(-1) > 0].mean() > 0.5
         assert ball.gloss[cv2.dilate(lamp.max(-1), np.ones((9, 9))) == 0].max() < 0.02
     assert sum(ball.pattern is not None for ball in balls) >= 5
+
+
+def test_a_ball_that_moved_shows_nothing_of_the_border_that_the_photo_showed() -> None:
+    """Mixed pixels between touching balls were white dots and black dashes for a frame, as they parted."""
+    photo, z, _ = pool_ball(np.eye(3))
+    ball = ball_from_photo(photo, (0, 0), (25.0, 25.0), 20.0, SUN, View.TOP)
+    coverage = (z > 0).astype(np.float32)
+    sprite = Sprite(0, (0, 0), photo, coverage, ball=ball, rest=np.full_like(photo, 0.5))
+    start = Pose(25.0, 25.0, 0.0)
+    for pose, shows in ((start, True), (Pose(26.0, 25.0, 0.0), False)):
+        where = place_sprite(sprite, start, pose, (51, 51), None)
+        assert where is not None
+        assert (draw_border(sprite, where, np.ones(2, np.float32)) is not None) == shows
 
 
 def test_shadows_of_a_near_lamp_lean_away_from_it(tmp_path) -> None:
