@@ -36,20 +36,18 @@ class BallTuning:
     stiff: float = 0.02  # weight, in shares of the ball's pixels, that keeps shading near Lambert's
     odd: float = 0.15
     """Departure in log light from which a pixel counts less: a highlight, a seam, a mixed pixel."""
-    same: float = 0.25  # distance in log light up to which two paints are one
-    mixed: float = 0.08  # of linear light: what is so near to a paint, or to a mixture of two, is none
     undecided: float = 0.08  # of the brightest paint: what differs more from every paint is between them
     excess: float = 1.3  # times its paint that a pixel may send back: what is more is a reflection
     most_departure: float = 1.0  # of the departure from Lambert, in log light
     darkest: float = 0.18  # of full light: where less falls, the photo's own darkness is taken for the skin's
-    painted: float = 0.55  # share of pixels between paints up to which a ball is taken for a painted one
+    painted: float = 0.5  # share of pixels between paints up to which a ball is taken for a painted one
     plainly: float = 0.6
     """Slope of a ball's brightness over its predicted shading from which the light is taken as it is."""
-    brighter: float = 1.6  # than all that is seen of a ball, that its skin may be
     rim_light: float = 0.85
     """Of the radius: farther out the photo's own brightness is separated from the model's."""
     even: float = 0.08  # of the radius over which it is evened out
     fades: float = 1.6  # by how much it may differ
+    smooth: float = 0.15  # of the radius over which what differs from the paints is light
     plain: float = 0.2  # departure of log light from an even change, up to which a ball is of one colour
     gloss_width: float = 0.5
     """Of the radius: what outshines its surroundings over no more than this, in any direction, may be a highlight."""
@@ -111,11 +109,11 @@ def find_paints(bare: F32, u: F32, v: F32, z: F32, use: NDArray[np.bool_]) -> Pa
         trust = 1 / np.maximum(np.abs(left - _each(np.median, left, paint)[paint]) / BALL.odd, 1)
         even = _solved(rows, grey, paint, trust)
         bare_now = level - (rows @ even)[:, None]
-        paint = _nearest(bare_now, _apart(_each(np.median, bare_now, paint)))
+        paint = _nearest(bare_now, _each(np.median, bare_now, paint))
     # then each channel's own light, with the paints as they are: what stands near lends its colour
     each = even[:, None] + _solved(rows, level - (rows @ even)[:, None], paint, trust)
     left = np.maximum(np.exp(level - rows @ each) - BALL.dim, 0)
-    colours = _unmixed(_each(np.median, left, paint)[np.argsort(-np.bincount(paint), kind="stable")])
+    colours = _each(np.median, left, paint)[np.argsort(-np.bincount(paint), kind="stable")]
     away = np.min([np.abs(left - c).max(axis=1) for c in colours], axis=0)
     between = float((away > BALL.undecided * colours.max()).mean())
     return Paints(each.astype(np.float32), colours.astype(np.float32), between)
@@ -154,30 +152,6 @@ def _split(points: Array) -> Ids:
     for _ in range(4):
         paint = _nearest(points, _each(np.mean, points, paint))
     return paint
-
-
-def _apart(centers: Array) -> Array:
-    """Centres of which none is another one over again."""
-    kept: list[Array] = []
-    for center in centers:
-        if all(np.linalg.norm(center - other) > BALL.same for other in kept):
-            kept.append(center)
-    return np.array(kept)
-
-
-def _unmixed(colours: Array) -> Array:
-    """Of linear `colours` (K, 3), the most frequent first, those that more frequent ones do not make between them.
-
-    Borders of paints mix, and so do dark paints and what they reflect.
-    """
-    kept: list[Array] = []
-    for colour in colours:
-        ways = [(one, other - one) for one in kept for other in kept]
-        shares = [np.clip((colour - one) @ way / max(way @ way, 1e-9), 0, 1) for one, way in ways]
-        mixtures = [one + share * way for (one, way), share in zip(ways, shares, strict=True)]
-        if all(np.abs(colour - mixture).max() > BALL.mixed for mixture in mixtures):
-            kept.append(colour)
-    return np.array(kept)
 
 
 def _nearest(points: Array, centers: Array) -> Ids:
@@ -331,16 +305,23 @@ class Ball:
     @cached_property
     def lit(self) -> F32:
         """(h, w, 3) shading on the ball's own box."""
-        h, w = self.skin.shape[:2]
-        u = (np.arange(w, dtype=np.float32) + np.float32(self.corner[0] - self.center[0]))[None, :]
-        v = (np.arange(h, dtype=np.float32) + np.float32(self.corner[1] - self.center[1]))[:, None]
-        u, v = u / np.float32(self.radius), v / np.float32(self.radius)
-        squeeze = np.minimum(np.float32(1), np.float32(RIM) / np.sqrt(np.maximum(u * u + v * v, 1e-12)))
-        su, sv = u * squeeze, v * squeeze
-        picture = self.shade(su, sv, np.sqrt(np.maximum(1 - su * su - sv * sv, 0)))
+        shape = self.skin.shape
+        picture = self.shade(*normals_within(shape, self.corner, self.center, self.radius)[:3])
         if self.fade is not None:
             picture = picture * self.fade[..., None]
-        return np.asarray(np.broadcast_to(picture, (h, w, 3)).copy(), np.float32)
+        return np.asarray(np.broadcast_to(picture, shape).copy(), np.float32)
+
+
+def normals_within(
+    shape: tuple[int, ...], corner: tuple[int, int], center: tuple[float, float], radius: float
+) -> tuple[F32, F32, F32, F32]:
+    """(h, w) u, v and z of a sphere's normals on a box of a photo, beyond RIM as they are there; and radii away."""
+    x, y = (np.arange(n) + k - c for n, k, c in zip(shape[1::-1], corner, center, strict=True))
+    u, v = np.meshgrid((x / radius).astype(np.float32), (y / radius).astype(np.float32))
+    rho = np.sqrt(np.maximum(u * u + v * v, 1e-12))
+    squeeze = np.minimum(np.float32(1), np.float32(RIM) / rho)
+    u, v = u * squeeze, v * squeeze
+    return u, v, np.sqrt(np.maximum(1 - u * u - v * v, 0)), rho
 
 
 def sphere_shading(light: DistantLight, u: F32, v: F32, z: F32) -> F32:
@@ -366,13 +347,7 @@ def ball_from_photo(
     Seen from above a ball turns its far side up; seen from the side it turns in the picture, and all that is needed is
     there.
     """
-    h, w = colour.shape[:2]
-    u = (np.arange(w, dtype=np.float32) + np.float32(corner[0] - center[0]))[None, :] / np.float32(radius)
-    v = (np.arange(h, dtype=np.float32) + np.float32(corner[1] - center[1]))[:, None] / np.float32(radius)
-    rho = np.sqrt(np.maximum(u * u + v * v, 1e-12))
-    squeeze = np.minimum(np.float32(1), np.float32(RIM) / rho)
-    su, sv = u * squeeze, v * squeeze
-    z = np.sqrt(np.maximum(1 - su * su - sv * sv, 0))
+    su, sv, z, rho = normals_within(colour.shape, corner, center, radius)
     x = su * np.float32(radius) + np.float32(center[0] - corner[0])
     y = sv * np.float32(radius) + np.float32(center[1] - corner[1])
     inner = np.asarray(cv2.remap(colour, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32)
@@ -381,6 +356,7 @@ def ball_from_photo(
     ball = replace(ball, trust=_shown(inner - shine, sphere_shading(light, su, sv, z), rho < RIM))
     bare = np.ascontiguousarray((inner - shine) / ball.shade(su, sv, z), np.float32)
     ball = replace(ball, skin=bare)
+    inside, soft = (rho < 1).astype(np.float32), np.ones_like(rho)
     found = find_paints(bare, su, sv, z, (rho < RIM) & (shine.max(axis=2) <= 0))
     if found is not None and found.between < BALL.painted:
         ball = replace(ball, even=found.even)
@@ -400,7 +376,10 @@ def ball_from_photo(
         excess = np.maximum(seen - BALL.excess * cv2.dilate(flat, cross), 0)
         excess = cv2.morphologyEx(excess, cv2.MORPH_OPEN, cross)  # a line is paint
         bare, shine = seen - excess, shine + excess * lit
-        if pattern is not None:
+        if pattern is None:
+            soft = blurred_share(bare.mean(axis=2), flat.mean(axis=2), inside, BALL.smooth * radius)
+            bare = bare / soft[..., None]
+        else:
             ink = np.minimum(bare, pattern.colours.max(axis=0))
             bare = flat + pattern.written(points, 1 / radius)[0] * (ink - flat)
         ball = replace(ball, skin=bare, gloss=shine, pattern=pattern)
@@ -409,16 +388,10 @@ def ball_from_photo(
         even = np.broadcast_to(np.median(bare[rho < RIM], axis=0), bare.shape).copy()
         ball = replace(ball, skin=even, pattern=None)
         return replace(ball, gloss=colour - ball.skin * ball.lit)
-    # no skin sends back more than the brightest that is seen of it in full light
-    brightest = np.percentile((inner - shine)[rho < RIM], 98, axis=0) if (rho < RIM).any() else np.ones(3)
-    most = BALL.brighter * brightest / (light.ambient + light.intensity)
-    ball = replace(ball, skin=np.minimum(ball.skin, most.astype(np.float32)))
     # what the model has not of the rim is the light's doing, and stays: its brightness, not its colours
     model = (ball.skin * ball.lit).mean(axis=2)
-    share = blurred_share(
-        (colour - shine).mean(axis=2), model, (rho < 1).astype(np.float32), max(1.0, BALL.even * radius)
-    )
-    return replace(ball, fade=np.asarray(np.where(rho > BALL.rim_light, share, 1), np.float32))
+    share = blurred_share((colour - shine).mean(axis=2), model, inside, max(1.0, BALL.even * radius))
+    return replace(ball, fade=np.asarray(np.where(rho > BALL.rim_light, share, soft), np.float32))
 
 
 def _shown(colour: F32, shade: F32, inside: NDArray[np.bool_]) -> float:
@@ -453,28 +426,32 @@ def in_one_light(balls: Sequence[Ball]) -> list[Ball]:
     painted = [ball for ball in balls if ball.pattern is not None]
     if len(painted) < BALL.together:
         return list(balls)
-    side = round(2 * max(ball.radius for ball in painted)) + 1
+    half = max(round(ball.radius) for ball in painted)
 
-    def sampled(picture: F32, *at: Array) -> F32:
-        x, y = np.meshgrid(*at)
-        found = cv2.remap(picture, x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR)
-        return np.asarray(found, np.float32)
+    def sampled(picture: F32, size: Sequence[int], scale: float, shift: Array) -> F32:
+        """Of a picture, at `scale` times the columns and rows of `size`, and `shift`."""
+        matrix = np.column_stack([scale * np.eye(2), shift])
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        return np.asarray(cv2.warpAffine(picture, matrix, (size[0], size[1]), flags=flags), np.float32)
 
-    middles = {id(ball): np.subtract(ball.center, ball.corner)[:, None] for ball in painted}
-    grid = np.linspace(-1, 1, side)
-    shines = np.array([sampled(ball.gloss, *(middles[id(ball)] + ball.radius * grid)) for ball in painted])
+    middles = [np.subtract(ball.center, ball.corner) for ball in painted]
+    side = (2 * half + 1, 2 * half + 1)
+    shines = [
+        sampled(ball.gloss, side, ball.radius / half, middle - ball.radius)
+        for ball, middle in zip(painted, middles, strict=True)
+    ]
     shared = np.percentile(shines, BALL.most_show, axis=0).astype(np.float32)
-    usual = shines[np.abs(shines - shared).sum(axis=(1, 2, 3)).argmin()]
-    reach = np.ones((2 * round(BALL.lamps * side) + 1,) * 2, np.uint8)
+    usual = min(shines, key=lambda shine: float(np.abs(shine - shared).sum()))
+    reach = np.ones((2 * round(2 * BALL.lamps * half) + 1,) * 2, np.uint8)
     most, level = (picture.mean(axis=2, keepdims=True) for picture in (cv2.dilate(shared, reach), usual))
     usual = usual * np.minimum(most / np.maximum(level, 1e-6), 1)
-
-    def relit(ball: Ball) -> Ball:
-        shape, half = ball.gloss.shape[1::-1], (side - 1) / 2
-        at = (np.arange(n) - c for n, c in zip(shape, middles[id(ball)], strict=True))
-        return replace(ball, gloss=sampled(usual, *(half * (way / ball.radius + 1) for way in at)))
-
-    return [relit(ball) if ball.pattern is not None else ball for ball in balls]
+    found = {
+        id(ball): sampled(
+            usual, ball.gloss.shape[1::-1], half / ball.radius, half - middle * half / ball.radius
+        )
+        for ball, middle in zip(painted, middles, strict=True)
+    }
+    return [replace(ball, gloss=found.get(id(ball), ball.gloss)) for ball in balls]
 
 
 def equal_area(skin: F32, center: Array, radius: float, pattern: Pattern | None) -> list[F32]:
@@ -532,11 +509,6 @@ def _gloss(colour: F32, u: F32, v: F32, z: F32, radius: float, light: DistantLig
     if not beside.any():  # nothing beside it to outshine
         return np.zeros_like(colour)
     core &= (paint > BALL.outshines * np.percentile(paint[beside], 97)) | (dimmest > BALL.clipped)
-    count, names, boxes, _ = cv2.connectedComponentsWithStats(core.astype(np.uint8))
-    for k in range(1, count):
-        long = max(boxes[k, cv2.CC_STAT_WIDTH], boxes[k, cv2.CC_STAT_HEIGHT])
-        if long > BALL.gloss_width * radius + 1:
-            core[names == k] = False
     if not core.any():
         return np.zeros_like(colour)
     reach = max(2, round(0.12 * radius))

@@ -135,8 +135,8 @@ def draw_border(sprite: Sprite, where: Placement, left: NDArray[np.float32]) -> 
     """
     if sprite.rest is None or not (shares := left[sprite.beside]).any():
         return None
-    if sprite.ball is not None and where.own is None:  # it is drawn anew: nothing of the photo is left
-        return None
+    if where.own is None and sprite.ball is not None and sprite.ball.pattern is not None:
+        return None  # it is painted anew: these are mixtures of the photo's pixels
     rest = sprite.rest
     if shares.min() < 1:
         rest = rest * (left[0] if sprite.hider is None else three_channels(left[sprite.hider]))

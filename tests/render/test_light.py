@@ -499,6 +499,28 @@ def test_lamps_stay_on_balls_and_neighbours_do_not() -> None:
     assert sum(ball.pattern is not None for ball in balls) >= 5
 
 
+def test_soft_shade_where_a_neighbour_is_near_does_not_turn_and_dark_paint_does() -> None:
+    """An orange with pores and a dark patch lies on another one: too near for even light, soft all the same."""
+    y, x = np.mgrid[:101, :101]
+    u, v = (x - 50) / 40, (y - 50) / 40
+    z = np.sqrt(np.maximum(1 - u * u - v * v, 0))
+    shade = SUN.ambient + SUN.intensity * np.maximum(np.stack([u, v, z], -1) @ np.array(SUN.direction), 0)
+    shade = shade * (1 - 0.6 * np.exp(-((u + 0.5) ** 2 + (v - 0.8) ** 2) / 0.09))
+
+    def orange(angle):
+        a, b = np.cos(angle) * u + np.sin(angle) * v, np.cos(angle) * v - np.sin(angle) * u
+        pores = np.sin(25 * a + 3 * np.sin(9 * b)) * np.sin(25 * b) > 0.75
+        paint = np.where(pores[..., None], [0.42, 0.15, 0.03], [0.6, 0.22, 0.04])
+        paint = np.where(((a > 0.3) & (b > 0.3))[..., None], [0.16, 0.05, 0.01], paint)
+        return (paint * shade[..., None]).astype(np.float32)
+
+    ball = ball_from_photo(orange(0.0), (0, 0), (50.0, 50.0), 40.0, SUN, View.SIDE)
+    turn = cv2.Rodrigues(np.array([0.0, 0.0, 2.5]))[0]
+    found = turned(ball, (50.0, 50.0), turn, (101, 101), (0, 0)) + ball.gloss
+    off = np.abs(encode_u8(found).astype(int) - encode_u8(orange(2.5))).max(-1)[z > 0.35]
+    assert off.mean() < 5.4
+
+
 def test_a_ball_that_moved_shows_nothing_of_the_border_that_the_photo_showed() -> None:
     """Mixed pixels between touching balls were white dots and black dashes for a frame, as they parted."""
     photo, z, _ = pool_ball(np.eye(3))
