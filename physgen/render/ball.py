@@ -60,12 +60,9 @@ class BallTuning:
     closer: tuple[float, ...] = (0.08, 0.03, 0.01, 0.0)  # rad around the best, in which to look next
     disc: float = 0.8  # cosine of a disc's radius, at least
     seen: float = 0.2  # cosine to the viewer, up to which the photo shows what is written
-    least: int = 80  # pixels that tell paints
     marked: float = 0.015  # share of pixels that a disc explains, at least
-    explained: float = 0.9  # of the pixels, by a pattern that a ball is painted with
-    contrast: float = (
-        1.0  # of log light in some channel, by which two paints differ: shades of one differ less
-    )
+    explained: float = 0.8  # of the pixels, by a pattern that a ball is painted with
+    contrast: float = 1.0  # of log light in some channel: shades of one paint differ less
     together: int = 5  # balls, at least, that tell lamps from their neighbours
     most_show: float = 70.0  # percentile of what they reflect that a lamp does
     lamps: float = 0.05  # of a ball's width, by which that may lie elsewhere on each
@@ -94,7 +91,7 @@ class Paints:
 def find_paints(bare: F32, u: F32, v: F32, z: F32, use: NDArray[np.bool_]) -> Paints | None:
     """`bare` (h, w, 3) is light over Lambert's shading of the normals (u, v, z), from the pixels in `use`."""
     used = np.flatnonzero(use)
-    if len(used) < BALL.least:
+    if len(used) < 80:
         return None
     used = used[:: -(-len(used) // BALL.most_pixels)]
     level: Array = np.log(np.maximum(bare.reshape(-1, 3)[used], 0) + np.float32(BALL.dim)).astype(np.float64)
@@ -208,8 +205,6 @@ class Pattern:
         if self.disc is None:
             return np.zeros((*points.shape[:-1], 1), np.float32), points
         middle, up = self.disc.normal, self.border.normal
-        if abs(middle @ up) > 0.9:
-            up = np.eye(3)[np.abs(middle).argmin()]
         up = up - (up @ middle) * middle
         up = up / np.linalg.norm(up)
         behind = 2 * (points @ up)[..., None] * up - points
@@ -230,7 +225,7 @@ def find_pattern(seen: F32, colours: F32, points: Array) -> Pattern | None:
     off = np.linalg.norm(seen - pair[0] - np.clip(share, 0, 1)[:, None] * way, axis=1)
     clear = off < BALL.beside * np.linalg.norm(way)
     value, at = np.where(share > 0.5, 1.0, -1.0)[clear], points[clear]
-    if len(value) < BALL.least:
+    if not clear.any():
         return None
     (share_band, border), (share_cut, cut) = (_border(at, value, folded=folded) for folded in (True, False))
     if share_cut > share_band + BALL.lopsided:
@@ -238,22 +233,20 @@ def find_pattern(seen: F32, colours: F32, points: Array) -> Pattern | None:
     found = Pattern(pair, border)
     right = value * found.values(at) > 0
     if border.folded and border.at > BALL.disc:  # but for discs it is of one paint
-        found = Pattern(pair, replace(border, at=2.0), replace(border, sign=1.0))
+        axis = np.eye(3)[np.abs(border.normal).argmin()]
+        found = Pattern(pair, replace(border, normal=axis, at=2.0), replace(border, sign=1.0))
     else:
         share_disc, disc = _border(at, np.where(right, -1.0, 1.0), folded=True)
         if disc.sign > 0 and disc.at > BALL.disc and share_disc > right.mean() + BALL.marked:
             found = replace(found, disc=disc)
-    return found if (value * found.values(at) > 0).mean() > BALL.explained else None
+    return found if (value * found.values(at) > 0).sum() > BALL.explained * len(seen) else None
 
 
 def _border(points: Array, value: Array, *, folded: bool) -> tuple[float, Border]:
     """What best parts `points` (n, 3) by their `value` (n,), 1 or -1; and the share that it parts rightly."""
     k, n = np.arange(BALL.axes) + 0.5, BALL.steps if folded else 2 * BALL.steps
-    level, turn = (
-        np.sqrt(1 - (k / BALL.axes) ** 2),
-        np.pi * (1 + 5**0.5) * k,
-    )  # on a spiral over half a sphere
-    axes = np.column_stack([level * np.cos(turn), level * np.sin(turn), k / BALL.axes])
+    level, turn = np.sqrt(1 - (k / BALL.axes) ** 2), np.pi * (1 + 5**0.5) * k
+    axes = np.column_stack([level * np.cos(turn), level * np.sin(turn), k / BALL.axes])  # a spiral
     every = -(-len(value) // BALL.most_pixels)
     for wide in BALL.closer:
         along = points[::every] @ axes.T
