@@ -132,7 +132,8 @@ class _Atlas:
         row, starts = lay_side_by_side(still, cv2.BORDER_CONSTANT)
         self.still, self.left = double_resolution(row), 2 * starts
         self.lit = double_resolution(lay_side_by_side(lit, cv2.BORDER_CONSTANT)[0])
-        self.skin = double_resolution(lay_side_by_side(skin, cv2.BORDER_REPLICATE)[0])
+        near = double_resolution(lay_side_by_side(skin, cv2.BORDER_REPLICATE)[0])
+        self.skin = np.concatenate([near, near])  # the far side stands below
         self.corner = within[:, :2] + [sprite.corner for sprite, _ in members]
         self.center = np.array([ball.center for _, ball in members], np.float64)
         self.radius = np.array([ball.radius for _, ball in members], np.float64)
@@ -141,9 +142,8 @@ class _Atlas:
             (right, low), first = self.last[k].astype(int) + 1, int(self.left[k])
             place = np.s_[2 * GAP : 2 * GAP + low, first : first + right]
             middle = 2 * (self.center[k] - self.corner[k])
-            self.skin[place][..., :3] = equal_area(
-                self.skin[place][..., :3], middle, 2 * ball.radius, ball.paints
-            )
+            sides = equal_area(near[place][..., :3], middle, 2 * ball.radius, ball.pattern)
+            self.skin[place][..., :3], self.skin[len(near) :][place][..., :3] = sides
 
     def drawn(self, which: Sequence[int], wheres: Sequence[Placement], fine: int) -> list[tuple[F32, F32]]:
         """See `Balls.drawn`; of the atlas' balls `which`."""
@@ -174,8 +174,7 @@ class _Atlas:
         np.maximum(z, np.float32(1 - RIM * RIM), out=z)
         np.sqrt(z, out=z)  # towards the viewer
         depth = v * along(turn[:, 2, 1]) + u * along(turn[:, 2, 0]) - z * along(turn[:, 2, 2])  # at t = 0
-        # of the far side the antipode is seen; skins are in the equal-area projection
-        side = np.copysign(1 / np.sqrt(1 + np.abs(depth)), -depth)
+        side = 1 / np.sqrt(1 + np.abs(depth))  # skins are in the equal-area projection
         for k, place in enumerate((x, y)):
             back = 2 * radius[:, None] * turn[:, k]
             np.multiply(v, along(back[:, 1]), out=place)
@@ -186,6 +185,7 @@ class _Atlas:
             np.maximum(place, 0, out=place)
             np.minimum(place, along(self.last[some, k]), out=place)
             place += along(left) if k == 0 else np.float32(2 * GAP)
+        y += (depth > 0) * np.float32(len(self.skin) // 2)  # the far side
         cv2.multiply(warp_picture(self.skin, x, y), lit, dst=lit)
         cv2.add(picture, lit, dst=picture)
         if fine > 1:

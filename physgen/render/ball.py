@@ -1,14 +1,14 @@
 """A sphere in the photo: its colour without light, its gloss, and its shading.
 
-The colour turns with the ball; shading and highlights stay where the light is. A point of the far side has the colour
-of its antipode: stripes go on round the ball, and numbers have their like behind. A ball has few paints: with each
+The colour turns with the ball; shading and highlights stay where the light is. A ball has few paints: with each
 pixel's paint known, what else changes evenly over the ball is light; with light known, paints tell apart. Both are
-found in turn, in logarithms.
+found in turn, in logarithms. Where a band, a cut or a disc explains the near side, the ball is painted so all over;
+else a point of the far side has the colour of its antipode.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -36,27 +36,37 @@ class BallTuning:
     stiff: float = 0.02  # weight, in shares of the ball's pixels, that keeps shading near Lambert's
     odd: float = 0.15
     """Departure in log light from which a pixel counts less: a highlight, a seam, a mixed pixel."""
-    same: float = 0.25  # distance in log light up to which two paints are one
-    mixed: float = 0.08  # of linear light: what is so near to a paint, or to a mixture of two, is none
     undecided: float = 0.08  # of the brightest paint: what differs more from every paint is between them
     excess: float = 1.3  # times its paint that a pixel may send back: what is more is a reflection
     most_departure: float = 1.0  # of the departure from Lambert, in log light
     darkest: float = 0.18  # of full light: where less falls, the photo's own darkness is taken for the skin's
-    painted: float = 0.55  # share of pixels between paints up to which a ball is taken for a painted one
+    painted: float = 0.5  # share of pixels between paints up to which a ball is taken for a painted one
     plainly: float = 0.6
     """Slope of a ball's brightness over its predicted shading from which the light is taken as it is."""
-    brighter: float = 1.6  # than all that is seen of a ball, that its skin may be
     rim_light: float = 0.85
     """Of the radius: farther out the photo's own brightness is separated from the model's."""
     even: float = 0.08  # of the radius over which it is evened out
     fades: float = 1.6  # by how much it may differ
+    smooth: float = 0.15  # of the radius over which what differs from the paints is light
     plain: float = 0.2  # departure of log light from an even change, up to which a ball is of one colour
     gloss_width: float = 0.5
     """Of the radius: what outshines its surroundings over no more than this, in any direction, may be a highlight."""
     gloss_least: float = 0.6  # linear light that the dimmest channel of a highlight has at least
     outshines: float = 1.2  # times the brightest paint elsewhere on the ball that a highlight has at least
     clipped: float = 0.9  # linear light that hardly any paint sends back
-    angles: int = 128  # places along the rim at which paints are looked up
+    axes: int = 400  # directions in which borders of two paints are looked for
+    steps: int = 64  # places of a border along each
+    lopsided: float = 0.01  # share of pixels that a cut explains more than a band, at least
+    closer: tuple[float, ...] = (0.08, 0.03, 0.01, 0.0)  # rad around the best, in which to look next
+    disc: float = 0.8  # cosine of a disc's radius, at least
+    seen: float = 0.2  # cosine to the viewer, up to which the photo shows what is written
+    marked: float = 0.015  # share of pixels that a disc explains, at least
+    explained: float = 0.8  # of the pixels, by a pattern that a ball is painted with
+    contrast: float = 1.0  # of log light in some channel: shades of one paint differ less
+    together: int = 5  # balls, at least, that tell lamps from their neighbours
+    most_show: float = 70.0  # percentile of what they reflect that a lamp does
+    lamps: float = 0.05  # of a ball's width, by which that may lie elsewhere on each
+    beside: float = 0.3  # of the way between two paints: what is farther off it is neither
     gloss_cosine: float = 0.80
     """Of the angle between a highlight's normal and the mirror's direction, at least."""
 
@@ -96,11 +106,11 @@ def find_paints(bare: F32, u: F32, v: F32, z: F32, use: NDArray[np.bool_]) -> Pa
         trust = 1 / np.maximum(np.abs(left - _each(np.median, left, paint)[paint]) / BALL.odd, 1)
         even = _solved(rows, grey, paint, trust)
         bare_now = level - (rows @ even)[:, None]
-        paint = _nearest(bare_now, _apart(_each(np.median, bare_now, paint)))
+        paint = _nearest(bare_now, _each(np.median, bare_now, paint))
     # then each channel's own light, with the paints as they are: what stands near lends its colour
     each = even[:, None] + _solved(rows, level - (rows @ even)[:, None], paint, trust)
     left = np.maximum(np.exp(level - rows @ each) - BALL.dim, 0)
-    colours = _unmixed(_each(np.median, left, paint)[np.argsort(-np.bincount(paint), kind="stable")])
+    colours = _each(np.median, left, paint)[np.argsort(-np.bincount(paint), kind="stable")]
     away = np.min([np.abs(left - c).max(axis=1) for c in colours], axis=0)
     between = float((away > BALL.undecided * colours.max()).mean())
     return Paints(each.astype(np.float32), colours.astype(np.float32), between)
@@ -141,30 +151,6 @@ def _split(points: Array) -> Ids:
     return paint
 
 
-def _apart(centers: Array) -> Array:
-    """Centres of which none is another one over again."""
-    kept: list[Array] = []
-    for center in centers:
-        if all(np.linalg.norm(center - other) > BALL.same for other in kept):
-            kept.append(center)
-    return np.array(kept)
-
-
-def _unmixed(colours: Array) -> Array:
-    """Of linear `colours` (K, 3), the most frequent first, those that more frequent ones do not make between them.
-
-    Borders of paints mix, and so do dark paints and what they reflect.
-    """
-    kept: list[Array] = []
-    for colour in colours:
-        ways = [(one, other - one) for one in kept for other in kept]
-        shares = [np.clip((colour - one) @ way / max(way @ way, 1e-9), 0, 1) for one, way in ways]
-        mixtures = [one + share * way for (one, way), share in zip(ways, shares, strict=True)]
-        if all(np.abs(colour - mixture).max() > BALL.mixed for mixture in mixtures):
-            kept.append(colour)
-    return np.array(kept)
-
-
 def _nearest(points: Array, centers: Array) -> Ids:
     """Number of the nearest centre; centres without points are dropped."""
     away = np.stack([((points - c) ** 2).sum(axis=1) for c in centers])
@@ -172,7 +158,112 @@ def _nearest(points: Array, centers: Array) -> Ids:
 
 
 RIM = 0.955  # of the radius: farther out pixels are mixed, and so much foreshortened that they tell little
-NEAR_RIM = 0.75, 0.9  # of the radius: between these, pixels give way to paints
+
+
+@dataclass(frozen=True)
+class Border:
+    """A plane that parts a sphere, or two that are each other's mirror image."""
+
+    normal: Array  # (3,) z to the viewer
+    at: float  # radii from the middle
+    folded: bool  # whether there are two
+    sign: float  # of `values` beyond
+
+    def values(self, points: Array) -> Array:
+        """(...) of points (..., 3): their distance from it in radii, about; of either sign."""
+        along = points @ self.normal
+        away = (np.abs(along) if self.folded else along) - self.at
+        return np.asarray(self.sign * away / np.sqrt(max(1 - self.at**2, 0.1)))
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """Two paints on a sphere: a band or a cut, and perhaps a disc with its like at the antipode."""
+
+    colours: F32  # (2, 3) linear: where `values` are negative, and where positive
+    border: Border
+    disc: Border | None = None  # which shows what the photo shows there
+
+    def values(self, points: Array) -> Array:
+        """(...) of points (..., 3): their distance from a border in radii, about; of either sign."""
+        values = self.border.values(points)
+        if self.disc is None:
+            return values
+        other = -np.sign(self.border.values(self.disc.normal))
+        return np.asarray(other * np.maximum(other * values, self.disc.values(points)))
+
+    def painted(self, points: Array, soft: float) -> F32:
+        """(..., 3) colours of points (..., 3); a border is `soft` radii wide."""
+        share = np.clip(0.5 + self.values(points) / soft, 0, 1)[..., None].astype(np.float32)
+        return np.asarray(self.colours[0] + share * (self.colours[1] - self.colours[0]), np.float32)
+
+    def written(self, points: Array, soft: float) -> tuple[F32, Array]:
+        """(..., 1) how far points (..., 3) are in a disc, and where what is written on it shows, (..., 3).
+
+        Its like is that turned by half about the band's normal: a number can be read there.
+        """
+        if self.disc is None:
+            return np.zeros((*points.shape[:-1], 1), np.float32), points
+        middle, up = self.disc.normal, self.border.normal
+        up = up - (up @ middle) * middle
+        up = up / np.linalg.norm(up)
+        behind = 2 * (points @ up)[..., None] * up - points
+        there = np.where((points @ middle)[..., None] > 0, points, behind)
+        share = np.clip(self.disc.values(points) / soft - 0.5, 0, 1) * (there[..., 2] > BALL.seen)
+        return share[..., None].astype(np.float32), there
+
+
+def find_pattern(seen: F32, colours: F32, points: Array) -> Pattern | None:
+    """Of skin `seen` (n, 3) at `points` (n, 3) that has `colours` (K, 3), the most frequent first; None: no such."""
+    counts = np.bincount(np.abs(seen[:, None] - colours).max(axis=2).argmin(axis=1), minlength=len(colours))
+    other = colours[np.argmax(counts * ((colours - colours[0]) ** 2).sum(axis=1))]
+    pair = np.stack([colours[0], other])
+    way = (pair[1] - pair[0]).astype(np.float64)
+    if np.abs(np.diff(np.log(pair + BALL.dim), axis=0)).max() < BALL.contrast:
+        return None
+    share = (seen - pair[0]) @ way / (way @ way)
+    off = np.linalg.norm(seen - pair[0] - np.clip(share, 0, 1)[:, None] * way, axis=1)
+    clear = off < BALL.beside * np.linalg.norm(way)
+    value, at = np.where(share > 0.5, 1.0, -1.0)[clear], points[clear]
+    if not clear.any():
+        return None
+    (share_band, border), (share_cut, cut) = (_border(at, value, folded=folded) for folded in (True, False))
+    if share_cut > share_band + BALL.lopsided:
+        border = cut
+    found = Pattern(pair, border)
+    right = value * found.values(at) > 0
+    if border.folded and border.at > BALL.disc:  # but for discs it is of one paint
+        axis = np.eye(3)[np.abs(border.normal).argmin()]
+        found = Pattern(pair, replace(border, normal=axis, at=2.0), replace(border, sign=1.0))
+    else:
+        share_disc, disc = _border(at, np.where(right, -1.0, 1.0), folded=True)
+        if disc.sign > 0 and disc.at > BALL.disc and share_disc > right.mean() + BALL.marked:
+            found = replace(found, disc=disc)
+    return found if (value * found.values(at) > 0).sum() > BALL.explained * len(seen) else None
+
+
+def _border(points: Array, value: Array, *, folded: bool) -> tuple[float, Border]:
+    """What best parts `points` (n, 3) by their `value` (n,), 1 or -1; and the share that it parts rightly."""
+    k, n = np.arange(BALL.axes) + 0.5, BALL.steps if folded else 2 * BALL.steps
+    level, turn = np.sqrt(1 - (k / BALL.axes) ** 2), np.pi * (1 + 5**0.5) * k
+    axes = np.column_stack([level * np.cos(turn), level * np.sin(turn), k / BALL.axes])  # a spiral
+    every = -(-len(value) // BALL.most_pixels)
+    for wide in BALL.closer:
+        along = points[::every] @ axes.T
+        place = (n * (np.abs(along) if folded else (along + 1) / 2)).astype(np.int64)
+        place = np.minimum(place, n - 1) + n * np.arange(len(axes))
+        weights = np.broadcast_to(value[::every, None], place.shape).ravel()
+        sums = np.bincount(place.ravel(), weights, n * len(axes)).reshape(-1, n).cumsum(axis=1)
+        gain = sums[:, -1:] - 2 * sums  # what is beyond, less what is within
+        best, step = np.unravel_index(np.argmax(np.abs(gain)), gain.shape)
+        normal, most, at = axes[best], gain[best, step], (step + 1) / n
+        shift = wide * np.linspace(-1, 1, 5)
+        right, down = np.linalg.svd(normal[None])[2][1:]
+        axes = normal + (shift[:, None, None] * right + shift[:, None] * down).reshape(-1, 3)
+        axes /= np.linalg.norm(axes, axis=1)[:, None]
+        every = 1
+    found = Border(normal, float(at if folded else 2 * at - 1), folded, float(np.sign(most)))
+    return 0.5 + abs(most) / (2 * len(value)), found
 
 
 @dataclass(frozen=True)
@@ -189,9 +280,7 @@ class Ball:
     even: F32 | None = None  # (8, 3) of `paints.basis`: log of what light does beyond Lambert's law
     trust: float = 1.0
     """0..1: how far the photo shows this light on it; the power that Lambert's shading is raised to."""
-    paints: F32 | None = (
-        None  # (K, 3) linear, of a ball that is seen from above: all that its skin has at the rim
-    )
+    pattern: Pattern | None = None  # of a ball that is seen from above
     fade: F32 | None = None  # (h, w) by which the light at the rim differs from that; it does not turn
 
     def shade(self, u: F32, v: F32, z: F32) -> F32:
@@ -209,16 +298,23 @@ class Ball:
     @cached_property
     def lit(self) -> F32:
         """(h, w, 3) shading on the ball's own box."""
-        h, w = self.skin.shape[:2]
-        u = (np.arange(w, dtype=np.float32) + np.float32(self.corner[0] - self.center[0]))[None, :]
-        v = (np.arange(h, dtype=np.float32) + np.float32(self.corner[1] - self.center[1]))[:, None]
-        u, v = u / np.float32(self.radius), v / np.float32(self.radius)
-        squeeze = np.minimum(np.float32(1), np.float32(RIM) / np.sqrt(np.maximum(u * u + v * v, 1e-12)))
-        su, sv = u * squeeze, v * squeeze
-        picture = self.shade(su, sv, np.sqrt(np.maximum(1 - su * su - sv * sv, 0)))
+        shape = self.skin.shape
+        picture = self.shade(*normals_within(shape, self.corner, self.center, self.radius)[:3])
         if self.fade is not None:
             picture = picture * self.fade[..., None]
-        return np.asarray(np.broadcast_to(picture, (h, w, 3)).copy(), np.float32)
+        return np.asarray(np.broadcast_to(picture, shape).copy(), np.float32)
+
+
+def normals_within(
+    shape: tuple[int, ...], corner: tuple[int, int], center: tuple[float, float], radius: float
+) -> tuple[F32, F32, F32, F32]:
+    """(h, w) u, v and z of a sphere's normals on a box of a photo, beyond RIM as they are there; and radii away."""
+    x, y = (np.arange(n) + k - c for n, k, c in zip(shape[1::-1], corner, center, strict=True))
+    u, v = np.meshgrid((x / radius).astype(np.float32), (y / radius).astype(np.float32))
+    rho = np.sqrt(np.maximum(u * u + v * v, 1e-12))
+    squeeze = np.minimum(np.float32(1), np.float32(RIM) / rho)
+    u, v = u * squeeze, v * squeeze
+    return u, v, np.sqrt(np.maximum(1 - u * u - v * v, 0)), rho
 
 
 def sphere_shading(light: DistantLight, u: F32, v: F32, z: F32) -> F32:
@@ -244,13 +340,7 @@ def ball_from_photo(
     Seen from above a ball turns its far side up; seen from the side it turns in the picture, and all that is needed is
     there.
     """
-    h, w = colour.shape[:2]
-    u = (np.arange(w, dtype=np.float32) + np.float32(corner[0] - center[0]))[None, :] / np.float32(radius)
-    v = (np.arange(h, dtype=np.float32) + np.float32(corner[1] - center[1]))[:, None] / np.float32(radius)
-    rho = np.sqrt(np.maximum(u * u + v * v, 1e-12))
-    squeeze = np.minimum(np.float32(1), np.float32(RIM) / rho)
-    su, sv = u * squeeze, v * squeeze
-    z = np.sqrt(np.maximum(1 - su * su - sv * sv, 0))
+    su, sv, z, rho = normals_within(colour.shape, corner, center, radius)
     x = su * np.float32(radius) + np.float32(center[0] - corner[0])
     y = sv * np.float32(radius) + np.float32(center[1] - corner[1])
     inner = np.asarray(cv2.remap(colour, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32)
@@ -259,6 +349,7 @@ def ball_from_photo(
     ball = replace(ball, trust=_shown(inner - shine, sphere_shading(light, su, sv, z), rho < RIM))
     bare = np.ascontiguousarray((inner - shine) / ball.shade(su, sv, z), np.float32)
     ball = replace(ball, skin=bare)
+    inside, soft = (rho < 1).astype(np.float32), np.ones_like(rho)
     found = find_paints(bare, su, sv, z, (rho < RIM) & (shine.max(axis=2) <= 0))
     if found is not None and found.between < BALL.painted:
         ball = replace(ball, even=found.even)
@@ -267,29 +358,33 @@ def ball_from_photo(
         cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
         paint = np.argmin([np.abs(seen - c).max(axis=2) for c in found.colours], axis=0).astype(np.uint8)
         flat = found.colours[cv2.medianBlur(paint, 3)]  # without what is narrower than 2 px
+        points, pattern = np.stack(np.broadcast_arrays(su, sv, z), axis=-1), None
+        if view is View.TOP:
+            use = (rho < RIM) & (shine.max(axis=2) <= 0)
+            pattern = find_pattern(seen[use], found.colours, points[use])
+        if pattern is not None:
+            flat = pattern.painted(points, 1 / radius)
+            shine = np.minimum(shine, np.maximum(inner - flat * lit, 0))
+            seen = (inner - shine) / lit
         excess = np.maximum(seen - BALL.excess * cv2.dilate(flat, cross), 0)
         excess = cv2.morphologyEx(excess, cv2.MORPH_OPEN, cross)  # a line is paint
         bare, shine = seen - excess, shine + excess * lit
-        ball = replace(ball, gloss=shine)
-        if view is View.TOP:
-            ball = replace(ball, paints=found.colours)
-        ball = replace(ball, skin=bare)
+        if pattern is None:
+            soft = blurred_share(bare.mean(axis=2), flat.mean(axis=2), inside, BALL.smooth * radius)
+            bare = bare / soft[..., None]
+        else:
+            ink = np.minimum(bare, pattern.colours.max(axis=0))
+            bare = flat + pattern.written(points, 1 / radius)[0] * (ink - flat)
+        ball = replace(ball, skin=bare, gloss=shine, pattern=pattern)
     if _plain(bare, su, sv, z, rho < RIM):
         # a ball of one colour looks the same however it has turned: all that is uneven is light, and stays
         even = np.broadcast_to(np.median(bare[rho < RIM], axis=0), bare.shape).copy()
-        ball = replace(ball, skin=even, paints=None)
+        ball = replace(ball, skin=even, pattern=None)
         return replace(ball, gloss=colour - ball.skin * ball.lit)
-    # no skin sends back more than the brightest that is seen of it in full light
-    brightest = np.percentile((inner - shine)[rho < RIM], 98, axis=0) if (rho < RIM).any() else np.ones(3)
-    most = BALL.brighter * brightest / (light.ambient + light.intensity)
-    paints = None if ball.paints is None else np.minimum(ball.paints, most.astype(np.float32))
-    ball = replace(ball, skin=np.minimum(ball.skin, most.astype(np.float32)), paints=paints)
     # what the model has not of the rim is the light's doing, and stays: its brightness, not its colours
     model = (ball.skin * ball.lit).mean(axis=2)
-    share = blurred_share(
-        (colour - shine).mean(axis=2), model, (rho < 1).astype(np.float32), max(1.0, BALL.even * radius)
-    )
-    return replace(ball, fade=np.asarray(np.where(rho > BALL.rim_light, share, 1), np.float32))
+    share = blurred_share((colour - shine).mean(axis=2), model, inside, max(1.0, BALL.even * radius))
+    return replace(ball, fade=np.asarray(np.where(rho > BALL.rim_light, share, soft), np.float32))
 
 
 def _shown(colour: F32, shade: F32, inside: NDArray[np.bool_]) -> float:
@@ -314,49 +409,64 @@ def _shown(colour: F32, shade: F32, inside: NDArray[np.bool_]) -> float:
 def blurred_share(seen: F32, model: F32, weight: F32, sigma: float) -> F32:
     """(h, w) how much brighter an object is than its model, evenly."""
     above, below = (cv2.GaussianBlur(part * weight, (0, 0), sigma) for part in (seen, model))
-    return np.asarray(np.clip(above / np.maximum(below, 1e-3), 1 / BALL.fades, BALL.fades), np.float32)
+    share = (above + np.float32(BALL.dim)) / (below + np.float32(BALL.dim))  # dark skin tells little
+    return np.asarray(np.clip(share, 1 / BALL.fades, BALL.fades), np.float32)
 
 
-def equal_area(skin: F32, center: Array, radius: float, paints: F32 | None) -> F32:
-    """(h, w, 3) the near side of a `skin` (h, w, 3) in Lambert's azimuthal equal-area projection.
+def in_one_light(balls: Sequence[Ball]) -> list[Ball]:
+    """Painted balls with what they reflect of lamps, which show at the same normals of all: not their neighbours, nor
+    highlights that are cut off where paint is as bright."""
+    painted = [ball for ball in balls if ball.pattern is not None]
+    if len(painted) < BALL.together:
+        return list(balls)
+    half = max(round(ball.radius) for ball in painted)
 
-    There the rim, which the photo hardly shows, is wide enough for borders between `paints` to go on from where they
-    meet it to where those of the antipodes do: signed distances from borders change evenly between them.
-    """
-    n, last = BALL.angles, float(np.sqrt(1 - RIM * RIM))
+    def sampled(picture: F32, size: Sequence[int], scale: float, shift: Array) -> F32:
+        """Of a picture, at `scale` times the columns and rows of `size`, and `shift`."""
+        matrix = np.column_stack([scale * np.eye(2), shift])
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        return np.asarray(cv2.warpAffine(picture, matrix, (size[0], size[1]), flags=flags), np.float32)
 
-    def seen(u: Array, v: Array) -> F32:
-        x, y = (np.asarray(c + radius * part, np.float32) for c, part in zip(center, (u, v), strict=True))
-        return np.asarray(
-            cv2.remap(skin, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32
+    middles = [np.subtract(ball.center, ball.corner) for ball in painted]
+    side = (2 * half + 1, 2 * half + 1)
+    shines = [
+        sampled(ball.gloss, side, ball.radius / half, middle - ball.radius)
+        for ball, middle in zip(painted, middles, strict=True)
+    ]
+    shared = np.percentile(shines, BALL.most_show, axis=0).astype(np.float32)
+    usual = min(shines, key=lambda shine: float(np.abs(shine - shared).sum()))
+    reach = np.ones((2 * round(2 * BALL.lamps * half) + 1,) * 2, np.uint8)
+    most, level = (picture.mean(axis=2, keepdims=True) for picture in (cv2.dilate(shared, reach), usual))
+    usual = usual * np.minimum(most / np.maximum(level, 1e-6), 1)
+    found = {
+        id(ball): sampled(
+            usual, ball.gloss.shape[1::-1], half / ball.radius, half - middle * half / ball.radius
         )
+        for ball, middle in zip(painted, middles, strict=True)
+    }
+    return [replace(ball, gloss=found.get(id(ball), ball.gloss)) for ball in balls]
 
+
+def equal_area(skin: F32, center: Array, radius: float, pattern: Pattern | None) -> list[F32]:
+    """(h, w, 3) near and far side of a `skin` (h, w, 3) in Lambert's azimuthal equal-area projection, each as seen from
+    the photo's side.
+
+    There the rim, which the photo hardly shows, is wide.
+    """
     x, y = ((np.arange(size) - c) / radius for size, c in zip(skin.shape[1::-1], center, strict=True))
     u, v = np.meshgrid(x, y)
-    z = 1 - u * u - v * v
-    out = np.sqrt(1 + np.maximum(z, 0))
-    found = seen(out * u, out * v)
-    if paints is None or len(paints) < 2:
-        return found
-    turn = 2 * np.pi * np.arange(n)[None] / n
-    rim = seen(RIM * np.cos(turn), RIM * np.sin(turn))[0]
-    painted = np.abs(rim[:, None] - paints).max(axis=2).argmin(axis=1)[:, None] == np.arange(len(paints))
-    apart = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
-    apart = np.minimum(apart, n - apart)[..., None]
-    to, off = (np.where(part[None], apart, n).min(axis=1) for part in (painted, ~painted))
-    border = off - to  # (n, K)
-    edge = z < last
-    at = np.rint(np.arctan2(v[edge], u[edge]) / (2 * np.pi) * n).astype(int)
-    share = (0.5 - 0.5 * np.maximum(z[edge], 0) / last)[:, None]
-    mixed = (1 - share) * border[at % n] + share * border[(at + n // 2) % n]
-    found[edge] = paints[mixed.argmax(axis=1)]
-    # the rim draws out a pixel's steps to teeth: borders between paints are evened out, and stay sharp
-    paint = np.abs(found[:, :, None] - paints).max(axis=3).argmin(axis=2)
-    weight = np.eye(len(paints), dtype=np.float32)[paint]
-    weight = cv2.GaussianBlur(weight, (0, 0), max(BALL.even * radius, 0.5)) ** 4
-    even = weight @ paints / weight.sum(axis=2, keepdims=True)
-    out = np.sqrt(1 - np.clip(z, 0, 1) ** 2)[..., None]
-    found += np.clip((out - NEAR_RIM[0]) / (NEAR_RIM[1] - NEAR_RIM[0]), 0, 1) * (even - found)
+    z = np.maximum(1 - u * u - v * v, -1)
+    out = np.sqrt(1 + z)
+    found = []
+    for side in (1, -1):
+        points = np.dstack([out * u, out * v, side * z])
+        share, there = np.ones((1, 1, 1), np.float32), side * points
+        if pattern is not None:
+            share, there = pattern.written(points, 1 / radius)
+        px, py = (np.asarray(c + radius * there[..., k], np.float32) for k, c in enumerate(center))
+        seen = cv2.remap(skin, px, py, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        plain = seen if pattern is None else pattern.painted(points, 2 / radius)
+        found.append(np.asarray(plain + share * (seen - plain), np.float32))
     return found
 
 
@@ -392,11 +502,6 @@ def _gloss(colour: F32, u: F32, v: F32, z: F32, radius: float, light: DistantLig
     if not beside.any():  # nothing beside it to outshine
         return np.zeros_like(colour)
     core &= (paint > BALL.outshines * np.percentile(paint[beside], 97)) | (dimmest > BALL.clipped)
-    count, names, boxes, _ = cv2.connectedComponentsWithStats(core.astype(np.uint8))
-    for k in range(1, count):
-        long = max(boxes[k, cv2.CC_STAT_WIDTH], boxes[k, cv2.CC_STAT_HEIGHT])
-        if long > BALL.gloss_width * radius + 1:
-            core[names == k] = False
     if not core.any():
         return np.zeros_like(colour)
     reach = max(2, round(0.12 * radius))

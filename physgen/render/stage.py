@@ -39,7 +39,6 @@ class Placement:
     turn: float = 0.0  # rad by which the sprite's picture turns
     space: Array | None = None  # (3, 3) A ball: how its skin has turned
     shift: tuple[float, float] = (0.0, 0.0)  # px by which the centre has moved
-    border: Slices | None = None  # the box of the photo's own border pixels, where it is wider than `box`
 
 
 def place_sprite(
@@ -90,9 +89,7 @@ def _rolled(
     if box is None:
         return None
     matrix = np.array([[1.0, 0, box[1].start - x], [0, 1, box[0].start - y]])
-    height, width = sprite.coverage.shape
-    border = _boxed(x, y, x + width - 1, y + height - 1, size)
-    return Placement(box, None, matrix, 0.0, space, (dx, dy), border)
+    return Placement(box, None, matrix, 0.0, space, (dx, dy))
 
 
 def _boxed(lx: float, ly: float, hx: float, hy: float, size: tuple[int, int]) -> Slices | None:
@@ -138,19 +135,18 @@ def draw_border(sprite: Sprite, where: Placement, left: NDArray[np.float32]) -> 
     """
     if sprite.rest is None or not (shares := left[sprite.beside]).any():
         return None
+    if where.own is None and sprite.ball is not None and sprite.ball.pattern is not None:
+        return None  # it is painted anew: these are mixtures of the photo's pixels
     rest = sprite.rest
     if shares.min() < 1:
         rest = rest * (left[0] if sprite.hider is None else three_channels(left[sprite.hider]))
     if where.own is not None:
         return where.box, rest[where.own]
     assert where.matrix is not None
-    rows, columns = box = where.border or where.box
-    matrix = where.matrix.copy()
-    matrix[:, 2] += matrix[:, 0] * (columns.start - where.box[1].start)
-    matrix[:, 2] += matrix[:, 1] * (rows.start - where.box[0].start)
+    rows, columns = where.box
     size = (columns.stop - columns.start, rows.stop - rows.start)
-    border = cv2.warpAffine(rest, matrix, size, flags=WARP_FLAGS, borderMode=cv2.BORDER_CONSTANT)
-    return box, np.asarray(border, np.float32)
+    border = cv2.warpAffine(rest, where.matrix, size, flags=WARP_FLAGS, borderMode=cv2.BORDER_CONSTANT)
+    return where.box, np.asarray(border, np.float32)
 
 
 def borders_left(sprites: Sequence[Sprite], there: Sequence[SpritePose]) -> NDArray[np.float32]:

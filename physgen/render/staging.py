@@ -21,7 +21,7 @@ from physgen.geometry.raster import coverage_box
 from physgen.geometry.shadows import F32, ShadowSetting, Silhouette, floor_contact
 from physgen.maps import U8, Percepts
 from physgen.photometry import DistantLight, decode
-from physgen.render.ball import ball_from_photo, sphere_shading
+from physgen.render.ball import ball_from_photo, in_one_light, sphere_shading
 from physgen.render.occlusion import SUNK, ground_below, occluders, occlusions, silhouette
 from physgen.render.shadow_decomposition import decompose_shadows
 from physgen.render.sprites import (
@@ -186,6 +186,7 @@ def _white(sprite: Sprite) -> Sprite:
             gloss=np.ones_like(ball.gloss),
             light=NO_LIGHT,
             even=None,
+            pattern=None,
             trust=1.0,
             fade=None,
         )
@@ -262,6 +263,8 @@ def lit_stage(
             else _skinned(sprite, world.bodies[sprite.body], light, world.view, before)
             for sprite, actor, before in zip(sprites, actors, veils, strict=True)
         ]
+        balls = iter(in_one_light([sprite.ball for sprite in sprites if sprite.ball is not None]))
+        sprites = [sprite if sprite.ball is None else replace(sprite, ball=next(balls)) for sprite in sprites]
         if maps.normals is not None:
             sprites = [_relieved(sprite, maps.normals, light) for sprite in sprites]
         elif top:
