@@ -30,6 +30,7 @@ from physgen.evaluate.measure import Bar, Findings, Progress, Section, Table, nu
 from physgen.geometry.polygon import rotation
 from physgen.maps import F32, U8, Percepts
 from physgen.perceive.perceive import perceive
+from physgen.perceive.roles import BoundaryGuess
 from physgen.perceive.segment.prompts import from_masks
 from physgen.photometry import DistantLight, decode, encode_u8, sphere_normals
 from physgen.photos import read_image
@@ -120,7 +121,7 @@ def ours(truth: Truth, scene: Scene, maps: Percepts) -> Iterator[U8]:
 def seen(truth: Truth) -> tuple[Scene, Percepts]:
     """Scene and maps with what `perceive` makes of the photo, given the true masks; shapes and motion stay true."""
     world = truth.scene.world
-    found = perceive(truth.maps.rgb, from_masks(truth.maps.labels), view=world.view)
+    found = perceive(truth.maps.rgb, from_masks(truth.maps.labels), view=BoundaryGuess(world.view, 1.0, "as given", ()))
     light, around = found.document["light"], found.document["world"]
     direction = np.array(light["direction"], float)
     x, y, z = (direction / np.linalg.norm(direction)).tolist()

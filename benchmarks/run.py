@@ -60,6 +60,7 @@ from tables import RESULTS, write
 from physgen import pipeline
 from physgen.cli.main import main as physgen
 from physgen.perceive.perceive import perceive
+from physgen.perceive.roles import BoundaryGuess
 from physgen.perceive.segment.prompts import from_masks
 from physgen.photometry import decode, luminance
 
@@ -150,7 +151,8 @@ def shadows(folder: Path) -> list[dict]:
         scene = pipeline.load(ROOT / "scenes" / path.parent.name / "scene.yaml")
         maps = pipeline.percepts(scene)
         assert maps is not None
-        found = perceive(maps.rgb, from_masks(maps.labels), view=scene.world.view).percepts
+        view = BoundaryGuess(scene.world.view, 1.0, "as given", ())
+        found = perceive(maps.rgb, from_masks(maps.labels), view=view).percepts
         open_ = (
             cv2.dilate(((maps.coverage > 0) | (found.coverage > 0)).astype(np.uint8), np.ones((5, 5))) == 0
         )

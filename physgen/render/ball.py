@@ -66,7 +66,7 @@ class BallTuning:
     together: int = 5  # balls, at least, that tell lamps from their neighbours
     most_show: float = 70.0  # percentile of what they reflect that a lamp does
     lamps: float = 0.05  # of a ball's width, by which that may lie elsewhere on each
-    beside: float = 0.3  # of the way between two paints: what is farther off it is neither
+    beside: float = 0.4  # of the way between two paints: what is farther off it is neither
     gloss_cosine: float = 0.80
     """Of the angle between a highlight's normal and the mirror's direction, at least."""
 
@@ -216,11 +216,11 @@ class Pattern:
 def find_pattern(seen: F32, colours: F32, points: Array) -> Pattern | None:
     """Of skin `seen` (n, 3) at `points` (n, 3) that has `colours` (K, 3), the most frequent first; None: no such."""
     counts = np.bincount(np.abs(seen[:, None] - colours).max(axis=2).argmin(axis=1), minlength=len(colours))
-    other = colours[np.argmax(counts * ((colours - colours[0]) ** 2).sum(axis=1))]
-    pair = np.stack([colours[0], other])
-    way = (pair[1] - pair[0]).astype(np.float64)
-    if np.abs(np.diff(np.log(pair + BALL.dim), axis=0)).max() < BALL.contrast:
+    apart = np.abs(np.log((colours + BALL.dim) / (colours[0] + BALL.dim))).max(axis=1) >= BALL.contrast
+    if not apart.any():
         return None
+    pair = np.stack([colours[0], colours[np.argmax(apart * counts * ((colours - colours[0]) ** 2).sum(axis=1))]])
+    way = (pair[1] - pair[0]).astype(np.float64)
     share = (seen - pair[0]) @ way / (way @ way)
     off = np.linalg.norm(seen - pair[0] - np.clip(share, 0, 1)[:, None] * way, axis=1)
     clear = off < BALL.beside * np.linalg.norm(way)

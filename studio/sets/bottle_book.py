@@ -126,7 +126,7 @@ def stage() -> Stage:
         scenery,
         lights,
         {"table": Boundary([(-2, 0), (2, 0)], 0.5, 0.2)},
-        duration=1.8,
+        duration=2.3,
         softness=4.5,
         backdrop=0.95,
         exposure=4.2,

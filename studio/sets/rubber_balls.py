@@ -63,7 +63,9 @@ def leaves(spot: tuple[float, float], count: int, seed: int) -> Mesh:
 def stage() -> Stage:
     camera = Camera("side", height=0.76, centre=(0, 0.235), rise=(0.05, 0.36), aperture=0.022)
     things = []
-    for skin, (name, label, radius, mass, elasticity, x, turn, drift, spin) in zip(skins(), BALLS, strict=True):
+    for skin, (name, label, radius, mass, elasticity, x, turn, drift, spin) in zip(
+        skins(), BALLS, strict=True
+    ):
         lie = T().rotate([0, 1, 0], turn[1]).rotate([1, 0, 0], turn[2]).rotate([0, 0, 1], turn[0])
         ball, at = sphere(radius, skin, lie), (x, DROP + radius)
         more = {"solid": "sphere", "rolling": 0.01, "velocity": (drift, -0.3), "spin": spin}
@@ -104,7 +106,7 @@ def stage() -> Stage:
         scenery,
         lights,
         {"ground": Boundary([(-3, 0), (3, 0)], 1.0, 1.0)},
-        duration=4.6,
+        duration=5.9,
         softness=0.5,
         sun=tuple(SUN),
         backdrop=0.5,

@@ -160,7 +160,7 @@ def stage() -> Stage:
             "wall": Boundary([(WALL, 0), (WALL, 2)], 0.6, 0.75),
             "ground": Boundary([(-3, 0), (WALL, 0)], 0.6, 0.5),
         },
-        duration=1.9,
+        duration=2.1,
         diffuse=True,
         softness=0.3,
         sun=(-0.62, -0.55, 0.72),

@@ -76,7 +76,8 @@ def test_the_picture_goes_along_and_nothing_is_left_behind(shown: tuple[Frame, F
     matrix = np.array([[-1.0, 0, x + 880], [0, -1, y + 200]])
     turned = cv2.warpAffine(before.rgb, matrix, before.rgb.shape[1::-1], flags=cv2.INTER_CUBIC)
     mask = cv2.warpAffine(was.astype(np.uint8), matrix, was.shape[::-1], flags=cv2.INTER_NEAREST) > 0
-    inner = cv2.erode((mask & now).astype(np.uint8), np.ones((5, 5))) > 0
+    # light on its rounded edges stays where it comes from
+    inner = cv2.erode((mask & now).astype(np.uint8), np.ones((13, 13))) > 0
     assert np.count_nonzero(mask ^ now) < 0.03 * now.sum()
     off = np.abs(turned.astype(int) - after.rgb)[inner]
     assert off.mean() < 4
