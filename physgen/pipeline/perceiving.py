@@ -112,8 +112,9 @@ def perceive(
     with suppress(InputError):  # it is reported when the scene is rendered
         perceived = _at_rest(perceived)
         perceived = perceived if options.still else _pushed(perceived)
-    inform(f"{image}: " + "\n".join(summary(perceived)))
-    return write_scene(perceived, image if as_it_is else None, image.stem, output, options.assets, keep)
+    text = write_scene(perceived, image if as_it_is else None, image.stem, output, options.assets, keep)
+    inform(f"{image}: " + "\n".join(summary(perceived)))  # last: nobody may read it any more
+    return text
 
 
 def _tried(perceived: PerceivedScene) -> Opened:
@@ -339,8 +340,9 @@ def refresh(
         for name, item in seen["objects"].items()
     }
     summed = replace(perceived, document={**seen, "objects": told, "doubtful": doubtful})
-    inform(f"{path}: " + "\n".join(summary(summed)))
     text = None if "extends" in own else path.read_bytes().decode("utf-8-sig")
     perceived = replace(perceived, comments={} if text is None else perceived.comments, wrote=wrote)
     image = scene.image if photo.plain else None
-    return write_scene(perceived, image, scene.image.stem, output, options.assets, keep, text, record)
+    new = write_scene(perceived, image, scene.image.stem, output, options.assets, keep, text, record)
+    inform(f"{path}: " + "\n".join(summary(summed)))
+    return new

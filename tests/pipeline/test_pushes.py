@@ -245,3 +245,15 @@ def test_a_push_that_sets_much_in_motion_is_preferred(tmp_path: Path) -> None:
     edits = [f"objects.{push.name}.velocity=[{push.velocity[0]}, 0]", "world.duration=auto"]
     poses = pipeline.simulate(pipeline.compile(pipeline.load(path, edits), None).world).poses
     assert (np.ptp(poses[..., 0], axis=0) > 40).sum() >= 2
+
+
+def test_a_scene_is_written_though_nobody_reads_its_summary(tmp_path: Path, bundled: Path) -> None:
+    """`perceive ... | head -2` closes the pipe: the scene was lost, without a word."""
+
+    def closed(text: str) -> None:
+        raise BrokenPipeError
+
+    scene = tmp_path / "scene.yaml"
+    with pytest.raises(BrokenPipeError):
+        pipeline.perceive(bundled / "pendulum" / "photo.png", scene, inform=closed, still=True)
+    assert "objects:" in scene.read_text()
