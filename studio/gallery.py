@@ -4,7 +4,6 @@ the pictures of the README.
 python studio/gallery.py            # all scenes; needs no Mitsuba
 """
 
-import json
 import sys
 from pathlib import Path
 
@@ -13,7 +12,9 @@ import numpy as np
 from PIL import Image
 
 ROOT = Path(__file__).resolve().parent.parent
-sys.path[:0] = [str(ROOT)]
+sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
+from fidelity import ours, truths  # noqa: E402
+
 from physgen import pipeline, registry  # noqa: E402
 from physgen.photos import read_image  # noqa: E402
 from physgen.render.overlay import annotate_frames  # noqa: E402
@@ -43,17 +44,16 @@ def row(pictures: list[np.ndarray]) -> np.ndarray:
 
 
 def sheet(name: str) -> np.ndarray:
-    """A scene's contact sheet: physgen's frames, below those of its truth video where it was filmed."""
+    """A scene's contact sheet: physgen's frames, below those of its truth video at the same poses where it was filmed."""
     file, told = ROOT / "scenes" / name / "scene.yaml", ROOT / "studio/truth" / name / "film/film.json"
     if not told.exists():
         times = np.linspace(0, pipeline.load(file).world.duration * 0.95, COLUMNS)
         return row([f.rgb for f in frames(file, times)])
-    film = json.loads(told.read_text())
-    pick = np.unique(np.linspace(0, len(film["times_s"]) - 1, COLUMNS - 1).astype(int))
-    times = np.array([0.0, *(film["times_s"][k] for k in pick)])
-    ours = [f.rgb for f in frames(file, times, film["variant"])]
-    true = [ours[0], *(read_image(told.parent / f"{k + 1:02}.webp") for k in pick)]
-    return np.vstack([row(true), row(ours)])
+    (truth,) = truths(ROOT / "studio/truth", [name])
+    drawn = [truth.maps.rgb, *ours(truth, truth.scene, truth.maps)]
+    pick = [0, *(1 + np.linspace(0, len(drawn) - 2, COLUMNS - 1)).astype(int)]
+    true = [truth.maps.rgb, *(read_image(told.parent / f"{k:02}.webp") for k in pick[1:])]
+    return np.vstack([row(true), row([drawn[k] for k in pick])])
 
 
 HERO, HERO_WIDE, HERO_FPS, HERO_SECONDS = "billiards", 640, 20, 2
