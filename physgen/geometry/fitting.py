@@ -45,11 +45,15 @@ class FitTuning:
 FIT = FitTuning()
 
 
-def disc_of(mask: NDArray[np.bool_]) -> Disc | None:
-    """The circle of a clean mask, where it covers the mask well enough and better than a rectangle does."""
+def disc_of(mask: NDArray[np.bool_], whole: bool) -> Disc | None:
+    """The circle of a clean mask, where it covers the mask well enough and better than a rectangle does.
+
+    `whole`: nothing may hide a part of it.
+    """
     border = long_border(mask)
     disc, iou = fit_circle(mask, border)
-    return disc if iou >= max(CIRCLE_IOU, FIT.round - 1 / disc.radius) and iou > box_iou(border) else None
+    least = max(CIRCLE_IOU, FIT.round - 1 / disc.radius) if whole else CIRCLE_IOU
+    return disc if iou >= least and iou > box_iou(border) else None
 
 
 def stands_flat(part: NDArray[np.integer], i: int, disc: Disc) -> bool:
@@ -131,7 +135,10 @@ def fit_outlines(
     views = _views(owned, ids)
     rough = {}
     for i, view in views.items():
-        disc = None if i in never_discs else disc_of(owned[view] == i)
+        mask = owned[view] == i
+        beside = cv2.dilate(np.pad(mask, 1).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+        whole = not (beside & np.pad((owned[view] > 0) & ~mask, 1, constant_values=True)).any()
+        disc = None if i in never_discs else disc_of(mask, whole)
         if disc is not None and not stands_flat(owned[view], i, disc):
             rough[i] = Disc(disc.center + _corner(view), disc.radius)
     while True:

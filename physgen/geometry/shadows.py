@@ -31,8 +31,7 @@ MOST_BLOCKED = 0.98  # of the direct or the ambient light, no more is taken away
 class ShadowModel:
     """Resolution and limits of cast shadows."""
 
-    sky: float = 0.5
-    """By how much more ambient light falls on what faces up: skies and ceilings are brighter than floors."""
+    sky: float = 0.5  # by how much more ambient light falls on what faces up: skies are brighter
     levels: int = 10  # heights at which an object's silhouette is looked at
     finer: int = 2  # lines of the floor in a row of pixels: seen from the side, a row is deep
     wall: int = 4  # columns of a wall beside in a column of pixels: it goes back, and is foreshortened

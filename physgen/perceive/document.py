@@ -456,9 +456,10 @@ def write_scene(
         text = _rewritten(before, old, head | body, perceived, known)
         return re.sub(r"\A# yaml-language-server: .*", f"# yaml-language-server: $schema={modeline}", text)
 
-    if assets is None and output is not None and output.is_file():
-        free, there = free_folder(output)
-        assets = there if there and written(there).encode() == output.read_bytes() else free
+    if assets is None and output is not None:
+        free, there = free_folder(output)  # a folder that is there may be another scene's
+        same = there and output.is_file() and written(there).encode() == output.read_bytes()
+        assets = there if same else free
     assets = assets or folder / f"{output.stem if output else name}.assets"
     if not assets.resolve().is_relative_to(folder.resolve()):
         where = "beside -o" if output else "in the current folder"

@@ -149,10 +149,12 @@ def as_before(perceived: PerceivedScene, scene: Scene) -> PerceivedScene:
     return replace(perceived, document={**perceived.document, "boundaries": walls}, suitability=suits)
 
 
-def true_comments(comments: Mapping[str, str], merged: Entry, seen: Entry) -> dict[str, str]:
-    """The comments on values of the `merged` scene that are as they are `seen` now, and on whole sections."""
-    value = document.value_at
-    return {k: why for k, why in comments.items() if "." not in k or equal(value(merged, k), value(seen, k))}
+def true_comments(comments: Entry, merged: Entry, seen: Entry, world: Entry) -> dict[str, str]:
+    """The comments on values of the `merged` scene that are as they are `seen` now, and on whole sections; on its view
+    where the record of its `world` says why."""
+    value, known = document.value_at, "view_from" in world
+    own = {k: why for k, why in comments.items() if known or k != "world.view"}
+    return {k: why for k, why in own.items() if "." not in k or equal(value(merged, k), value(seen, k))}
 
 
 def user_layers(scene: Entry) -> dict[str, int]:

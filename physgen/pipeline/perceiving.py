@@ -318,9 +318,9 @@ def refresh(
         marked, doubtful = old_and_new.kept_doubtful(old, maps.labels, perceived.percepts.labels, gone)
         if old_and_new.same_objects(scene, maps.labels, marked):
             perceived = old_and_new.as_before(perceived, scene)
-    seen = perceived.document
+    seen, every = perceived.document, perceived.comments
     document = old_and_new.merge_documents(old, seen, begun, new_labels, scaled, record)
-    reasons = old_and_new.true_comments(perceived.comments, document, seen)
+    reasons = old_and_new.true_comments(every, document, seen, record.world)
     document, wrote = old_and_new.rescaled(own, document, record, side)
     wrote[""]["boundaries"] = seen["boundaries"]
     if maps is not None:
@@ -339,7 +339,8 @@ def refresh(
         name: item | moving.get(name, {"velocity": document["objects"].get(name, item).get("velocity", ())})
         for name, item in seen["objects"].items()
     }
-    summed = replace(perceived, document={**seen, "objects": told, "doubtful": doubtful})
+    all_of = {**seen, "objects": told, "doubtful": doubtful}
+    summed = replace(perceived, document=all_of, comments=every)
     text = None if "extends" in own else path.read_bytes().decode("utf-8-sig")
     perceived = replace(perceived, comments={} if text is None else perceived.comments, wrote=wrote)
     image = scene.image if photo.plain else None

@@ -66,10 +66,8 @@ class Push:
     """A velocity that sets a scene in motion."""
 
     name: str
-    velocity: tuple[float, float]
-    """px/s."""
-    comment: str
-    """For the file."""
+    velocity: tuple[float, float]  # px/s
+    comment: str  # for the file
 
 
 def default_push(scene: Scene, shapes: Shapes, sure: Mapping[str, float]) -> Push | None:

@@ -34,23 +34,19 @@ class BallTuning:
     most_pixels: int = 500  # of a ball, that are asked
     rounds: int = 4
     stiff: float = 0.02  # weight, in shares of the ball's pixels, that keeps shading near Lambert's
-    odd: float = 0.15
-    """Departure in log light from which a pixel counts less: a highlight, a seam, a mixed pixel."""
+    odd: float = 0.15  # departure in log light from which a pixel counts less: a highlight, a seam
     undecided: float = 0.08  # of the brightest paint: what differs more from every paint is between them
     excess: float = 1.3  # times its paint that a pixel may send back: what is more is a reflection
     most_departure: float = 1.0  # of the departure from Lambert, in log light
     darkest: float = 0.18  # of full light: where less falls, the photo's own darkness is taken for the skin's
     painted: float = 0.5  # share of pixels between paints up to which a ball is taken for a painted one
-    plainly: float = 0.6
-    """Slope of a ball's brightness over its predicted shading from which the light is taken as it is."""
-    rim_light: float = 0.85
-    """Of the radius: farther out the photo's own brightness is separated from the model's."""
+    plainly: float = 0.6  # slope of brightness over predicted shading from which light is taken as it is
+    rim_light: float = 0.85  # of the radius: farther out brightness is separated from the model's
     even: float = 0.08  # of the radius over which it is evened out
     fades: float = 1.6  # by how much it may differ
     smooth: float = 0.15  # of the radius over which what differs from the paints is light
     plain: float = 0.2  # departure of log light from an even change, up to which a ball is of one colour
-    gloss_width: float = 0.5
-    """Of the radius: what outshines its surroundings over no more than this, in any direction, may be a highlight."""
+    gloss_width: float = 0.5  # of the radius: what outshines all around over no more may be a highlight
     gloss_least: float = 0.6  # linear light that the dimmest channel of a highlight has at least
     outshines: float = 1.2  # times the brightest paint elsewhere on the ball that a highlight has at least
     clipped: float = 0.9  # linear light that hardly any paint sends back
@@ -67,8 +63,7 @@ class BallTuning:
     most_show: float = 70.0  # percentile of what they reflect that a lamp does
     lamps: float = 0.05  # of a ball's width, by which that may lie elsewhere on each
     beside: float = 0.4  # of the way between two paints: what is farther off it is neither
-    gloss_cosine: float = 0.80
-    """Of the angle between a highlight's normal and the mirror's direction, at least."""
+    gloss_cosine: float = 0.80  # of the angle between a highlight's normal and the mirror's direction
 
 
 BALL = BallTuning()
@@ -219,7 +214,9 @@ def find_pattern(seen: F32, colours: F32, points: Array) -> Pattern | None:
     apart = np.abs(np.log((colours + BALL.dim) / (colours[0] + BALL.dim))).max(axis=1) >= BALL.contrast
     if not apart.any():
         return None
-    pair = np.stack([colours[0], colours[np.argmax(apart * counts * ((colours - colours[0]) ** 2).sum(axis=1))]])
+    pair = np.stack(
+        [colours[0], colours[np.argmax(apart * counts * ((colours - colours[0]) ** 2).sum(axis=1))]]
+    )
     way = (pair[1] - pair[0]).astype(np.float64)
     share = (seen - pair[0]) @ way / (way @ way)
     off = np.linalg.norm(seen - pair[0] - np.clip(share, 0, 1)[:, None] * way, axis=1)
@@ -278,8 +275,7 @@ class Ball:
     """(h, w, 3) linear, of either sign: highlights, and what skin and Lambert's law do not tell; it does not turn."""
     light: DistantLight
     even: F32 | None = None  # (8, 3) of `paints.basis`: log of what light does beyond Lambert's law
-    trust: float = 1.0
-    """0..1: how far the photo shows this light on it; the power that Lambert's shading is raised to."""
+    trust: float = 1.0  # 0..1: how far the photo shows this light on it; power of Lambert's shading
     pattern: Pattern | None = None  # of a ball that is seen from above
     fade: F32 | None = None  # (h, w) by which the light at the rim differs from that; it does not turn
 

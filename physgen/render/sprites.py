@@ -362,7 +362,7 @@ def _unshaded_top(photo: F32, mine: Mask, by: Mask, row: float) -> tuple[F32, Ma
     and (h, w) where that has the shadows of others, `by`, that stand on it."""
     first, free = int(mine.any(axis=1).argmax()), mine & ~dilate(by, CUT.clean)
     x, plain, dark, top = np.arange(mine.shape[1]), photo.copy(), np.zeros_like(mine), np.zeros_like(mine)
-    for y in range(first, ceil(2 * row - first) if row - first > 0.7 else first):
+    for y in range(first, min(ceil(2 * row - first), len(photo)) if row - first > 0.7 else first):
         if not free[y].any():
             continue
         level = photo[y].mean(axis=1)

@@ -214,7 +214,7 @@ def write(text: str, data: dict[str, Any]) -> str:
 def written_anew(text: str, path: KeyPath, value: Any) -> str:
     """The text with the value at a path as a new file has it; as it is where a comment stands in brackets."""
     node = find(text, path)
-    if "#" in text[node.begin : node.end]:
+    if "#" in text[node.begin : line_after(text, node.end - 1)]:
         return text
     return patched(text, *_rewritten(text, path, value))
 

@@ -70,6 +70,14 @@ def test_a_mug_does_not_roll(foot: int, height: int, below: int):
     assert isinstance(fit_outline(mask > 0), Region)
 
 
+def test_a_ball_behind_a_box_is_a_disc():
+    """The box hides a tenth of it."""
+    rows, columns = np.mgrid[:200, :240]
+    labels = (np.hypot(rows - 100, columns - 100) < 52).astype(np.uint16)
+    labels[60:160, 136:190] = 2
+    assert isinstance(fit_outlines(labels, [1, 2])[1], Disc)
+
+
 def test_a_small_ball_with_a_ragged_border_is_a_disc():
     rows, columns = np.mgrid[:40, :40] - 20.0
     ragged = np.random.default_rng(1).normal(0, 0.6, (40, 40))

@@ -97,6 +97,19 @@ def test_balls_whose_masks_are_off_stand_on_one_level_floor():
         assert -GAP <= penetration(walls["floor"], thing) <= 1e-6
 
 
+@pytest.mark.parametrize(("radius", "lower"), [(30, 4), (15, 3), (8, 2)])
+def test_a_ball_that_is_nearer_keeps_its_pixels_in_its_circle(radius: int, lower: int):
+    """Else they are drawn as something flat that hangs on it."""
+    desk = Desk()
+    for k in range(4):
+        desk.ball(60 + 80 * k, 220.0 + lower * (k == 2), radius)
+    desk.walls()
+    rows, columns = np.nonzero(desk.labels == 3)
+    disc = desk.things[2].outline
+    off = np.hypot(columns - disc.center[0], rows - disc.center[1]) - disc.radius
+    assert (off > 2).mean() < 0.03
+
+
 def test_balls_that_touch_stay_where_they_are():
     """Moved onto one line they would enter each other."""
     desk = Desk()

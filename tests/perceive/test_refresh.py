@@ -418,6 +418,18 @@ def test_the_scene_that_is_kept_shows_the_masks_that_it_had(again: list[str], sc
         assert np.array_equal(maps.background, before.background) == (path == kept)
 
 
+def test_no_new_scene_takes_the_assets_of_another(scene: Path) -> None:
+    """After a refresh scene.yaml has its maps in scene-2.assets; a scene-2.yaml beside it gets other ones."""
+    assert main(["perceive", "--refresh", str(scene), "--label", "ball-1=apple"]) == 0
+    before = pipeline.percepts(pipeline.load(scene))
+    other = ["perceive", str(scene.with_name("photo.png")), "--box", "20,20,80,80"]
+    assert main([*other, "-o", str(scene.with_name("scene-2.yaml"))]) == 0
+    after = pipeline.percepts(pipeline.load(scene))
+    assert before is not None
+    assert after is not None
+    assert np.array_equal(before.labels, after.labels)
+
+
 def test_a_view_stays_as_sure_as_it_was_and_the_user_s_is_sure(
     scene: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -35,8 +35,7 @@ class CropConstants:
     side: int = 224  # px, the network's own size
     margin: float = 0.1  # of the object's longer side, around it
     dim: float = 0.35  # contrast of the background: surroundings help, neighbours confuse
-    middle: float = 127.0
-    """8-bit code that the dimmed background tends to; the network's input is (code - middle) / spread."""
+    middle: float = 127.0  # 8-bit code of the dimmed background; the input is (code - middle) / spread
     spread: float = 128.0
     least: int = 200  # px: smaller objects are named by shape
     likely: int = 3  # names that are kept beside the label
@@ -45,8 +44,7 @@ class CropConstants:
     """ImageNet's class. A photo with so many round objects and this probability of the class or more is one."""
     rack: int = 3
     pool: float = 0.25
-    certain: float = 0.75
-    """Confidence of what is round on it; of 182 photos without a pool table none has more than 0.2."""
+    certain: float = 0.75  # confidence of what is round on it; of 182 photos without one none has over 0.2
 
 
 CROP = CropConstants()

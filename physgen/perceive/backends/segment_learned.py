@@ -32,8 +32,7 @@ class LearnedConstants:
     rarer: float = 3.0  # factor by which a colour may be rarer there and still count as continued
     explained: tuple[float, ...] = (0.5, 0.8)
     """Share of such colours from which that counts in part, and in full."""
-    movable: float = 0.5
-    """Mean movability from which an object may be moved: people, animals and furniture are none."""
+    movable: float = 0.5  # mean movability from which an object may be moved
     same: float = 0.5  # IoU below which what is cut out again is another object
     inside: float = 0.7  # share of a selected proposal in a whole from which it is one of its parts
     better: float = 0.1  # fit by which each of them exceeds that of the whole, from which it does not

@@ -64,8 +64,7 @@ class Constants:
     similar_colour: float = 20.0  # CIELAB distance up to which two objects have one colour
     named: float = 0.8  # confidence of a name
     weighed: float = 0.49  # confidence of a mass judged by eye: its logarithm scatters by 0.6
-    same_length: float = 0.05
-    """Relative difference in length up to which two similar objects count as equal: masks are no more exact."""
+    same_length: float = 0.05  # relative difference in length up to which similar objects count as equal
     name: int = 48  # characters of a name
     densest: float = 23.0  # g/cm³: osmium, the densest element (CRC)
     photo: int = 1024  # px: the longer side of a whole photo, at most

@@ -58,6 +58,7 @@ class _LevelLimits:
     # degrees: with 4 (`world.tilt`) a peer photo's floor is missed by 3.3 px, with 0 ours by 4
     tilt: float = 2.0
     max_lift: float = 2.0
+    disc: float = 0.145  # share of its radius by which a round object may be off the line that others share
     askew: float = 2.5  # by which the foot of a narrow object may rise and be level
     nearer: float = 4.0  # by which a flat foot may be lower than those of most and be lifted to their line
     band: float = 2.0  # above a foot, in which the border is the foot's
@@ -360,8 +361,10 @@ def _near_line(
     line = Line(slope, round(float(np.median(off)), 2))
     follows = np.array([foot.item.id in free or stands_flat(foot) for foot in group])
     # a flat foot nearer to the camera is lower, and can be lifted
+    radii = [f.item.outline.radius if isinstance(f.item.outline, Disc) else np.inf for f in group]
+    reach = np.minimum(LEVEL.disc * np.array(radii), 3.6)  # else its pixels leave its circle
     most = np.where(follows, within if lower is None else lower, within)
-    near = (off - line.height >= -within) & (off - line.height <= most)
+    near = (off - line.height >= -np.minimum(within, reach)) & (off - line.height <= np.minimum(most, reach))
     ends = np.array([[f.left[1] - line.at(f.left[0]), f.right[1] - line.at(f.right[0])] for f in group])
     near &= follows | (np.abs(ends).max(axis=1) <= LEVEL.alike)
     return line, [foot for foot, here in zip(group, near, strict=True) if here]
@@ -369,13 +372,14 @@ def _near_line(
 
 def level_feet(line: Line, group: Sequence[Foot], free: Collection[int]) -> dict[int, Outline]:
     """Outlines with feet straight on the line of a group, by id, of those that stand flat, or as steep as it; `free`
-    ones are moved up or down to it."""
+    ones are resized down to it."""
     result: dict[int, Outline] = {}
     for foot in group:
         outline, steep = foot.item.outline, abs(line.slope) > STEEP
         follows = abs(foot.slope - line.slope) <= AGREE if steep else stands_flat(foot)
         if isinstance(outline, Disc) and foot.item.id in free and line.slope == 0 and len(group) > 1:
-            x, r = float(outline.center[0]), outline.radius
+            x, y = outline.center
+            r = (line.height - float(y) + outline.radius) / 2  # its top stays
             result[foot.item.id] = Disc(np.array([x, line.height - r]), r)
         if isinstance(outline, Disc) or not follows or (_askew(line, group) and not steep):
             continue
