@@ -7,7 +7,7 @@
 PYTHON ?= python3
 BIN = .venv/bin
 OUT = out/demo
-LEFT_OUT = cans cups kitchen pendulum pyramid ramp seesaw shelf toy-car
+LEFT_OUT = cans cups kitchen marbles pendulum pyramid ramp seesaw shelf toy-car
 TORCH = torch==2.13.0
 
 .PHONY: demo test test-slow docs bench studio train clean

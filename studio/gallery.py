@@ -22,7 +22,7 @@ from physgen.render.stage import Frame  # noqa: E402
 from physgen.scene.scene import Overlay  # noqa: E402
 from physgen.simulate.engine import simulate  # noqa: E402
 
-LEFT_OUT = ("cans", "cups", "kitchen", "pendulum", "pyramid", "ramp", "seesaw", "shelf", "toy-car")
+LEFT_OUT = ("cans", "cups", "kitchen", "marbles", "pendulum", "pyramid", "ramp", "seesaw", "shelf", "toy-car")
 """Scenes for tests and measures, whose clips a reviewer would not take for filmed ones: `make demo` leaves them out, too."""
 COLUMNS = 6
 WIDE = 240  # px of one picture

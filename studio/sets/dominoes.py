@@ -54,13 +54,13 @@ def stage() -> Stage:
     }
     return Stage(
         "dominoes",
-        "A row of dominoes, slowed down four times.",
+        "A row of dominoes, slowed down two and a half times.",
         CAMERA,
         [domino(k) for k in range(COUNT)],
         scenery,
         lights,
         {"table": Boundary([(-0.28144, 0), (0.29456, 0)], 0.5, 0.2)},
-        duration=0.86,
+        duration=1.0,
         softness=12,
         exposure=1.3,
         vignette=0.1,
@@ -81,7 +81,7 @@ def sections(camera: Camera) -> dict:
                 "duration": 0.12,
             }
         ],
-        "render": {"slow": 4},
+        "render": {"slow": 2.5},
         "variants": {"gap": {"objects.domino-5": None}},
         "comments": {
             "world.pixels_per_meter": "a domino is 48 mm high, so gravity is 30,625 px/s²",
