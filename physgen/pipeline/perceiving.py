@@ -340,7 +340,7 @@ def refresh(
         for name, item in seen["objects"].items()
     }
     all_of = {**seen, "objects": told, "doubtful": doubtful}
-    summed = replace(perceived, document=all_of, comments=every)
+    summed = replace(perceived, document=all_of, comments={**every, **perceived.comments})
     text = None if "extends" in own else path.read_bytes().decode("utf-8-sig")
     perceived = replace(perceived, comments={} if text is None else perceived.comments, wrote=wrote)
     image = scene.image if photo.plain else None

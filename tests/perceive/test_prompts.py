@@ -128,7 +128,7 @@ def test_the_scene_says_where_a_person_pointed(tmp_path: Path, capsys: pytest.Ca
     assert main(["perceive", str(photo), "--box", "95,55,80,80.5", "--side", "150", "-o", str(scene)]) == 0
     (only,) = pipeline.load(scene).objects
     assert only.prompt == BoxPrompt((47.5, 27.5, 40, 40.25))  # px of the scene's own photo
-    mask = read_labels(scene.with_name("scene.assets") / "masks.png") > 0
+    mask = read_labels(pipeline.load(scene).assets / "masks.png") > 0
     assert overlap(np.repeat(np.repeat(mask, 2, 0), 2, 1), labels == 3) > 0.8
 
 
