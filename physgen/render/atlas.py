@@ -12,9 +12,10 @@ from math import ceil, log
 import cv2
 import numpy as np
 
+from physgen.geometry.raster import double_resolution
 from physgen.render.ball import F32, RIM, Array, Ball, equal_area
 from physgen.render.shadow_decomposition import CastShadow
-from physgen.render.sprites import Sprite, double_resolution
+from physgen.render.sprites import Sprite
 from physgen.render.stage import Placement, Slices, SpritePose
 
 GAP = 3  # px of an atlas on each side of a picture, as far as Lanczos' kernel looks

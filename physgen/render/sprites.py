@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.geometry.polygon import Disc, Outline, bounds
-from physgen.geometry.raster import coverage_box
+from physgen.geometry.raster import coverage_box, double_resolution
 from physgen.geometry.shadows import PixelBox
 from physgen.maps import F32, U8, U16
 from physgen.perceive.inpaint.poisson import dilate, harmonic_fill
@@ -25,37 +25,6 @@ from physgen.photometry import DistantLight, decode
 from physgen.render.ball import Ball
 
 Mask = NDArray[np.bool_]
-
-_LOBES = [float(np.sinc(k) * np.sinc(k / 3)) for k in (2.5, 1.5, 0.5)]
-HALFWAY = [np.float32(lobe / (2 * sum(_LOBES))) for lobe in _LOBES]
-"""Weights of the pixels 2.5, 1.5 and 0.5 px away."""
-
-
-def double_resolution(picture: F32) -> F32:
-    """(2h - 1, 2w - 1[, C]) of a picture (h, w[, C])."""
-    rows = _halved(picture, 0)
-    return np.concatenate([_halved(rows[k : k + 64], 1) for k in range(0, len(rows), 64)])
-
-
-def _halved(values: F32, axis: int) -> F32:
-    """Samples at half steps along an axis, by Lanczos' kernel of three lobes; the ends are far from any light.
-
-    Each is held between the least and the greatest of its four neighbours: no rings.
-    """
-    wide = (2, 2, 0, 0) if axis == 0 else (0, 0, 2, 2)
-    padded = np.moveaxis(cv2.copyMakeBorder(values, *wide, cv2.BORDER_REPLICATE), axis, 0)
-    gaps = len(padded) - 5
-    p = [padded[k : k + gaps] for k in range(6)]  # the three pixels before each gap, and the three behind it
-    between = sum((weight * (p[k] + p[5 - k]) for k, weight in enumerate(HALFWAY)), np.float32(0))
-    low = np.minimum(np.minimum(p[2], p[3]), np.minimum(p[1], p[4]))
-    high = np.maximum(np.maximum(p[2], p[3]), np.maximum(p[1], p[4]))
-    h, w = (side + gaps * (k == axis) for k, side in enumerate(values.shape[:2]))
-    out = np.empty((h, w, *values.shape[2:]), np.float32)
-    moved = np.moveaxis(out, axis, 0)
-    moved[::2] = np.moveaxis(values, axis, 0)
-    np.clip(between, low, high, out=moved[1::2])
-    return out
-
 
 MOST_RELIGHTING = 3.0
 """Times brighter or darker than in the photo, at most: beyond, normals or light are in error."""
