@@ -169,15 +169,9 @@ def make(role: str, name: str | None = None, setup: Setup | None = None) -> Any:
     return build(setup or Setup()) if row.weights or row.takes_setup else build()
 
 
-REMOVED = {"sam3": "grounding-dino+sam", "depth-anything": "marigold", "wan": "animatediff", "best": "models"}
-"""Names of former versions, and what does the same."""
-
-
 def suggestion(found: str, known: Iterable[str]) -> str:
-    """The fix for an unknown name: what replaces a removed one, or the nearest of the `known` names; then all."""
+    """The fix for an unknown name: the nearest of the `known` names, then all."""
     known = list(known)
-    if REMOVED.get(found) in known:
-        return f"it was removed; choose {REMOVED[found]}"
     near = difflib.get_close_matches(found, known, 1)
     return (f"did you mean {near[0]}? " if near else "") + f"choose from {', '.join(known)}"
 

@@ -111,7 +111,7 @@ def test_every_mistake_in_a_file_is_reported(tmp_path: Path):
         '"gpu" is no device; write auto, cpu, cuda, cuda:1 or mps',
         '"offlne" is no profile; did you mean offline?',
         '"segmnt" is not a role; did you mean segment?',
-        'segment="sam3" is not a backend; it was removed; choose grounding-dino+sam',
+        'segment="sam3" is not a backend; choose from learned, grounding-dino+sam',
         '"inpaint=fill:x" names weights for what has none; write inpaint=fill',
         'backend.depth: 3 is not text; write e.g. depth = "marigold"',
         'vln: "vln" means nothing here; did you mean vlm?',

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import re
 from collections.abc import Callable, Sequence
@@ -22,8 +21,6 @@ LONGEST_NAME = 200
 """Bytes of an output's name: a file system takes 255, and partial and backed-up files have longer names."""
 LONGEST_MESSAGE = 500
 """Characters of a message about wrong flags, which repeats what was written."""
-REMOVED = Path(__file__).with_name("removed.json")
-"""Flags and measures of the version before, with what to use in their place; for one version."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -95,17 +92,13 @@ class Parser(argparse.ArgumentParser):
         if not text.startswith("-"):
             return f"{text} is one argument too many"
         flag = text.partition("=")[0]
-        if fix := _instead(flag):
-            return f"{flag} was removed; {fix}"
         close = get_close_matches(flag, re.findall(r"--[\w-]+", self.format_help()), 1, 0.7)
         return f"there is no flag {flag}" + (f", did you mean {close[0]}?" if close else "")
 
     def error(self, message: str) -> NoReturn:
         """Print what was wrong, a line each, and a hint; for a word that is none of several, the nearest of them."""
         wrong = re.fullmatch(r"argument ([^:]+): invalid choice: '([^']+)' \(choose from (.+)\)", message)
-        if wrong is not None and (fix := _instead(wrong[2])):
-            message = f"{wrong[2]} was removed; {fix}"
-        elif wrong is not None:
+        if wrong is not None:
             close = get_close_matches(wrong[2], [word.strip(" '") for word in wrong[3].split(",")], 1, 0.6)
             if close:
                 message = f"argument {wrong[1]}: invalid choice: '{wrong[2]}', did you mean {close[0]}?"
@@ -125,12 +118,6 @@ def _output(kind: Callable[[str], Any]) -> Callable[[str], Any]:
         return kind(text)
 
     return read
-
-
-def _instead(removed: str) -> str | None:
-    """What to use in place of a flag or measure."""
-    found: dict[str, str] = json.loads(REMOVED.read_text(encoding="utf-8"))
-    return found.get(removed)
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from physgen.signals import install_handler
 BATCHES = ("render", "sweep", "export", "verify")
 """Commands that make many results, which a program may read."""
 URL = re.compile(r"(s3|gs|gcs|az|abfs|https?|ftp|sftp|hdfs|file|memory)://")
-"""Scenes and results are files; for one version, what used to be read from elsewhere is refused with the way out."""
+"""Scenes and results are files: anything else would become a folder called `s3:`."""
 UNREAD = 141
 """Exit code when the reader of the output has ended (128 + SIGPIPE): the results are incomplete."""
 

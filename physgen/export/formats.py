@@ -50,12 +50,6 @@ FORMATS = (
     LabelFormat("physics", Physics, "masses, coefficients and all other inputs of the motion: JSON"),
 )
 FLAG = "--format"
-REMOVED = {
-    "tapvid": "write trajectory,davis",
-    "mot": "write coco",
-    "albedo": "assets have albedo.png of the photo",
-}
-"""Formats of former versions, and where their content is."""
 
 
 def chosen_formats(names: Sequence[str], flag: str = FLAG) -> list[LabelFormat]:
@@ -70,8 +64,6 @@ def chosen_formats(names: Sequence[str], flag: str = FLAG) -> list[LabelFormat]:
         if kind is None:
             close = nearest(name, known)
             fix = f'did you mean "{close}"?' if close else f"write any of {listed(list(known))}"
-            if name in REMOVED:
-                fix = f"it was removed; {REMOVED[name]}"
             problems += InputError.of(flag, f'"{name}"', "is no format", fix).problems
         elif kind.library and find_spec(kind.library) is None:
             what, fix = f"needs {kind.library}, which is not installed", install("labels")

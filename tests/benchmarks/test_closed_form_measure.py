@@ -69,13 +69,6 @@ def test_a_missed_bar_exits_1(monkeypatch, capsys) -> None:
     assert "0 of 1 rows pass." in printed
 
 
-def test_the_command_of_before_names_its_place(capsys) -> None:
-    with pytest.raises(SystemExit) as stop:
-        physgen(["evaluate", "physics"])
-    assert stop.value.code == 2
-    assert "physics was removed; run python benchmarks/closed_forms.py" in capsys.readouterr().err
-
-
 def test_scenes_are_kept_and_can_be_rendered(tmp_path: Path, capsys) -> None:
     folder = tmp_path / "kept"
     assert main(["--rows", "39", "--draws", "2", *QUICK[-3:], "-o", str(folder)]) == 0

@@ -61,7 +61,7 @@ def test_a_name_that_is_no_format(tmp_path, capsys) -> None:
     assert main(["export", str(hall(tmp_path)), "--format", "davos,tapvid", "-o", str(tmp_path / "out")]) == 2
     said = capsys.readouterr().err
     assert '--format: "davos" is no format; did you mean "davis"?' in said
-    assert '--format: "tapvid" is no format; it was removed; write trajectory,davis' in said
+    assert '--format: "tapvid" is no format; write any of frames, flo' in said
     assert not (tmp_path / "out").exists()
 
 
