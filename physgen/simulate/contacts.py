@@ -21,7 +21,6 @@ WORDS, NUMBERS = 3, 14
 """Integers and floats of one contact."""
 CONTACT_BYTES = 8 * NUMBERS
 """Of the floats."""
-_WORDS, _NUMBERS = Struct(f"={WORDS}q"), Struct(f"={NUMBERS}d")
 _POINTS = np.isin(np.arange(NUMBERS), np.arange(4, 13)).astype(np.float64)
 impulses_and_normals = Struct(f"=4d{8 * (NUMBERS - 4)}x").iter_unpack
 _ON_FIRST, _ON_SECOND, _DISTANCE = ([4, 5, 9, 10], [6, 7, 11, 12], [8, 13])
@@ -128,25 +127,6 @@ def new_contacts(words: bytes, before: bytes) -> Sequence[int]:
 def _pairs(words: bytes) -> Index:
     first, second, count = np.frombuffer(words, np.int64).reshape(-1, WORDS).T
     return np.asarray((np.minimum(first, second) << 32 | np.maximum(first, second)) << 2 | count)
-
-
-def any_closes(
-    words: bytes, numbers: bytes, rows: Sequence[int], pose: Array, velocity: Array, threshold: float
-) -> bool:
-    """Whether a point of the contacts in `rows` closes faster than `threshold` px/s, to the bit as `contact_points`."""
-    for k in rows:
-        a, b, count = _WORDS.unpack_from(words, k * _WORDS.size)
-        values = _NUMBERS.unpack_from(numbers, k * _NUMBERS.size)
-        nx, ny = values[2:4]
-        (ax, ay, _), (bx, by, _) = pose[a].tolist(), pose[b].tolist()
-        (avx, avy, aw), (bvx, bvy, bw) = velocity[a].tolist(), velocity[b].tolist()
-        for at in (4, 9)[:count]:
-            px, py, qx, qy = values[at : at + 4]
-            apart = (avx - aw * (py - ay)) - (bvx - bw * (qy - by))
-            aside = (avy + aw * (px - ax)) - (bvy + bw * (qx - bx))
-            if apart * nx + aside * ny > threshold:
-                return True
-    return False
 
 
 def contacts_jumped(now: bytes, before: bytes, places: Array) -> bool:

@@ -27,7 +27,6 @@ from physgen.simulate.contacts import (
     Array,
     ContactProperties,
     Order,
-    any_closes,
     contact_points,
     contacts_jumped,
     new_contacts,
@@ -57,8 +56,6 @@ ATTEMPTS = 8
 """Times that a step is taken again because impacts changed what it does."""
 GLIDE = 8
 """Steps after which speeds are looked at again."""
-FEW = 12
-"""Contacts up to which plain numbers are quicker than arrays."""
 
 
 def simulate(
@@ -122,7 +119,7 @@ class Running:
     def on(
         self, until: float, progress: Progress = silent, enough: Callable[[], bool] = lambda: False
     ) -> None:
-        """Steps from where the run stands to a time, s; fewer where `enough`, asked every 8 steps, says so.
+        """Steps from where the run stands to a time, s; fewer where `enough`, asked before each step, says so.
 
         Raises InputError where a body leaves all numbers.
         """
@@ -133,7 +130,7 @@ class Running:
             last = ceil(until / self._base - 1e-9)
             while self._number < last and not enough():
                 before = self._number
-                self._advance(last)
+                self._advance()
                 if self._number // 256 > before // 256:
                     progress("simulate", self._ledger.done, len(self.times))
 
@@ -208,8 +205,8 @@ class Running:
             self._tape.begin(self._ledger, step, pose, shown, roll)
         self._ledger.begin(step, pose, shown, roll)
 
-    def _advance(self, last: int) -> None:
-        """A base step, in as many parts as it needs; or several, up to the last, in which nothing happens."""
+    def _advance(self) -> None:
+        """A base step, in as many parts as it needs."""
         begin, end = self._number * self._base, (self._number + 1) * self._base
         h = end - begin
         parts = self._stiff
@@ -223,29 +220,12 @@ class Running:
         if self._loads.steers:
             pace = self._loads.pace(*self._stepper.everybody(self._stepper.state()))
             parts = max(parts, min(MOST_PARTS, ceil(pace * h / PHASE)))
-        if parts == 1 and not self._reach.watchful and not self._restless and self._glide(last):
-            return
         self._number += 1
         if parts > 1:
             self._divided += 1
             self._most_parts = max(self._most_parts, parts)
         for part in range(parts):
             self._part(begin + h * part / parts, h / parts)
-
-    def _glide(self, last: int) -> bool:
-        """Steps, up to the last, in which nothing happens; whether there were any."""
-        begun, stepper = self._number, self._stepper
-        if abs(self._base - self._h) > 1e-9 * self._base:
-            return False
-        while self._number < last:
-            begin, end = self._number * self._base, (self._number + 1) * self._base
-            if self._kicks.due(end) or (step := stepper.glide(end, end - begin)) is None:
-                break
-            self._number += 1
-            self._record(step, end - begin)
-            if stepper.steps % GLIDE == 0:
-                break
-        return self._number > begun
 
     def _ahead(self, end: float, h: float) -> Array:
         """The state (M, 6), scripted bodies with the fastest of this step and the next."""
@@ -308,10 +288,6 @@ class Running:
         return given
 
 
-Begun = tuple[Forces | None, bytes, Order, bytes]
-"""Forces of a step; states, contacts and their numbers that they led to."""
-
-
 class Stepper:
     """Takes one step after the other."""
 
@@ -339,8 +315,6 @@ class Stepper:
         self._cornered = any(b.radius is None for b in bodies)
         self._order, self._numbers, self._states = NO_CONTACTS, b"", b""
         self._calm = True
-        self._begun: Begun | None = None
-        """Forces and outcome of the next step, where it was taken already."""
         self._within: tuple[Array | None, bytes] = np.zeros((len(space.moving), 3)), b""
         """Velocities within the last step; None: those of the state before it."""
         self.suspicious = self.stirred = True
@@ -379,19 +353,13 @@ class Stepper:
         weight = 1 / self._inverse[self._dynamic]
         return allowed, float((weight * (velocity**2 - allowed**2)[self._dynamic]).sum() / 2)
 
-    def glide(self, end: float, h: float) -> Step | None:
-        """The step to the time `end` where nothing happens in it; else it is kept for `take`."""
-        if self.suspicious or self._begun or (self._governor.crowded and not self._calm):
-            return None
-        self._space.iterations = self._governor.sweeps
-        _, _, order, numbers = self._begun = self._begin(end, h, None)
-        new = order is not self._order and new_contacts(order.raw, self._order.raw)
-        if new or self._leaps(order, numbers):
-            return None
-        return self._end(end, h, None, None, None, [], [])
+    def _begin(
+        self, end: float, h: float, state: Array | None, first: bool
+    ) -> tuple[Forces | None, bytes, Order, bytes]:
+        """Take the step to `end` as things are, or as the state (M, 6) that was placed.
 
-    def _begin(self, end: float, h: float, state: Array | None, first: bool = False) -> Begun:
-        """Take the step to `end` as things are, or as the state (M, 6) that was placed."""
+        Its forces; the states, contacts and their numbers that they led to.
+        """
         load: Forces | None = None
         if self._lasting.pushes:
             placed = self.state() if state is None else state
@@ -425,7 +393,7 @@ class Stepper:
             state = self.state().copy()
         self._space.iterations = 1 if probing else self._governor.sweeps
         for attempt in range(ATTEMPTS):
-            load, states, order, numbers = self._begun = self._begun or self._begin(end, h, state, first)
+            load, states, order, numbers = self._begin(end, h, state, first)
             impact = None
             # the last try is taken as it comes: what still closes then does not bounce
             new: Sequence[int] | None = None
@@ -450,24 +418,8 @@ class Stepper:
                 before = state[:, 3:].copy()
                 state[:, :3] = after[:, :3] + impact.shift[moving] - before * h
             self._space.iterations = self._governor.sweeps if impact is None else self._governor.after_impacts
-            probing, self._begun = False, None
+            probing = False
             self._space.place(state)
-        return self._end(end, h, state, before, original, impacts, kicks, 0.5 if first else 1.0)
-
-    def _end(
-        self,
-        end: float,
-        h: float,
-        state: Array | None,
-        before: Array | None,
-        original: Array | None,
-        impacts: list[Impacts],
-        kicks: list[EnergyEvent],
-        strength: float = 1.0,
-    ) -> Step:
-        """The step that was begun, once it is as it will stay; motors had part of their strength."""
-        assert self._begun is not None
-        (load, states, order, numbers), self._begun = self._begun, None
         self.steps += 1
         self._calm = original is None
         driven = 0.0
@@ -477,6 +429,7 @@ class Stepper:
                 # the first try pushed overlaps apart that the impacts have undone
                 exact[:, :3] = state[:, :3] + state[:, 3:] * h
             if self._joined.busy:
+                strength = 0.5 if first else 1.0  # of the motors
                 held, driven = self._joined.hold(*self.everybody(exact), h, strength)
                 exact[:, 3:] = held[self._space.moving]
             self._space.place(exact)
@@ -511,9 +464,6 @@ class Stepper:
         threshold = self._governor.threshold(h)
         wide, fast = self._wide, self._fast
         wide[self._space.moving], fast[self._space.moving] = pose, velocity
-        rows = range(len(order.listed)) if new is None else new
-        if len(rows) <= FEW and not any_closes(order.raw, numbers, rows, wide, fast, threshold):
-            return None
         words, numbers = order.words, order.sort(numbers)
         points = contact_points(words, numbers, wide, fast)
         if not (points.closing > threshold).any():

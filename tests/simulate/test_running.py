@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from physgen import pipeline
-from physgen.simulate.engine import Running, Stepper, simulate
+from physgen.simulate.engine import Running, simulate
 
 SCENES = Path(__file__).resolve().parents[2] / "scenes"
 
@@ -45,28 +45,3 @@ def test_pieces_of_a_run_are_the_run(name: str) -> None:
     np.testing.assert_allclose(made.energy.dissipated, whole.energy.dissipated, rtol=1e-9, atol=1e-6)
     np.testing.assert_allclose(made.turns, whole.turns, atol=1e-12)
     assert all(np.array_equal(part, whole.poses[: len(part)]) for part in early)
-
-
-@pytest.mark.parametrize("name", ["shelf", "seesaw", "curling"])
-def test_quiet_steps_are_steps(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Brakes, joints, a table: without the shorter way of steps in which nothing happens, all is the same."""
-    scene = pipeline.load(SCENES / name / "scene.yaml", ["world.duration=0.8"])
-    world = pipeline.compile(scene, pipeline.percepts(scene)).world
-    ways, glide = [], Stepper.glide
-
-    def told(self: Stepper, *told: float) -> object:
-        ways.append(glide(self, *told))
-        return ways[-1]
-
-    monkeypatch.setattr(Stepper, "glide", told)
-    quick = simulate(world)
-    assert sum(way is not None for way in ways) > 50
-    assert any(way is None for way in ways)
-    monkeypatch.setattr(Stepper, "glide", lambda self, end, h: None)
-    slow = simulate(world)
-    assert quick.effort == slow.effort
-    for field in ("poses", "velocities", "rolls"):
-        assert np.array_equal(getattr(quick, field), getattr(slow, field))
-    for field in ("kinetic", "potential", "dissipated"):
-        assert np.array_equal(getattr(quick.energy, field), getattr(slow.energy, field))
-    assert np.array_equal(quick.contacts.impulses, slow.contacts.impulses)
