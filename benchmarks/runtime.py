@@ -57,7 +57,7 @@ PARTS = (
     Part("simulation", 5, ("compile", "simulate", "expose")),
     Part("render", 60, ("cut out", "render", "cover")),
     Part("refinement", 35, ("load model", "refine")),
-    Part("reading, encoding, report", None, ("load", "encode", "report", "keep")),
+    Part("reading, encoding, report", None, ("load", "encode", "report")),
 )
 ORDER = [stage for part in PARTS for stage in part.stages]
 

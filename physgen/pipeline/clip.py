@@ -17,7 +17,7 @@ import numpy as np
 
 from physgen.export.video import U8, Format
 from physgen.files import file_stamp
-from physgen.pipeline.refining import Refiners, guidance_footage, refine_footage
+from physgen.pipeline.refining import Footage, Refiners, guidance_footage, refine_footage
 from physgen.pipeline.stages import Aside, Film, Keep, Stages, fan, lint, render, resolved
 from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
 from physgen.progress import Progress, silent
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from physgen.export.formats import LabelFormat
     from physgen.export.labels import Moment
     from physgen.maps import Percepts
-    from physgen.pipeline.footage import Footage
     from physgen.render.stage import Frame
     from physgen.report.perception import Comparison, Perception
     from physgen.report.player import Data

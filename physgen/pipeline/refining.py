@@ -1,22 +1,23 @@
-"""Refinement of a scene's clip by a video diffusion model; unrefined frames are kept in the cache."""
+"""Refinement of a scene's clip by a video diffusion model, which looks at all frames together."""
 
 from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from physgen.pipeline.footage import U8, Add, Footage, footage
+from physgen.export.video import U8
 from physgen.pipeline.stages import Film
 from physgen.problems import InputError, Problem
 from physgen.progress import Progress
 from physgen.registry import Choice, Plan
 
 if TYPE_CHECKING:
+    from physgen.maps import F32, U16
     from physgen.pipeline.writing import VideoFiles
     from physgen.refine.denoiser import Denoiser
     from physgen.refine.fusion import RefineSettings
@@ -25,6 +26,19 @@ if TYPE_CHECKING:
     from physgen.report.record import RunRecord
     from physgen.scene.scene import Scene
     from physgen.simulate.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class Footage:
+    """A clip before it is refined, one frame a sample of its trajectory."""
+
+    trajectory: Trajectory
+    rgb: list[U8] = field(default_factory=list)
+    """(H, W, 3) sRGB each."""
+    coverage: list[F32] = field(default_factory=list)
+    """(H, W) each, of objects: 0..1."""
+    ids: list[U16] = field(default_factory=list)
+    """(H, W) each: body k shows as k + 1, 0 = background."""
 
 
 class MostChanged:
@@ -104,23 +118,20 @@ def guidance_footage(film: Film, record: RunRecord, progress: Progress) -> Foota
     """The clip without refinement, a frame a sample."""
     from physgen.render.staging import matte_coverage
 
-    def draw(add: Add) -> Trajectory:
-        progress("simulate", 0, 1)
-        trajectory = film.simulated(progress)
-        count = len(trajectory.times)
-        frames = film.frames(trajectory, range(count))
-        mattes = film.frames(trajectory, range(count), matte=True)
-        for index in range(count):
-            with record.stage("render"):
-                frame = next(frames)
-            with record.stage("cover"):
-                covered = matte_coverage(next(mattes))
-            with record.stage("keep"):
-                add(frame.rgb, covered, frame.ids)
-            progress("render", index + 1, count)
-        return trajectory
-
-    return footage(draw)
+    progress("simulate", 0, 1)
+    kept = Footage(film.simulated(progress))
+    count = len(kept.trajectory.times)
+    frames = film.frames(kept.trajectory, range(count))
+    mattes = film.frames(kept.trajectory, range(count), matte=True)
+    for index in range(count):
+        with record.stage("render"):
+            frame = next(frames)
+            kept.rgb.append(frame.rgb.copy())  # it may be part of a batch
+            kept.ids.append(frame.ids.copy())
+        with record.stage("cover"):
+            kept.coverage.append(matte_coverage(next(mattes)))
+        progress("render", index + 1, count)
+    return kept
 
 
 def refine_footage(film: Film, kept: Footage, refiners: Refiners, files: VideoFiles) -> Outcome:
