@@ -1,4 +1,4 @@
-"""Convex pieces of regions, convex hulls, and the overlap of two outlines.
+"""Convex pieces of regions, and the overlap of two outlines.
 
 Regions are cut into ear-cut triangles, which are merged across their longest edges (Hertel and Mehlhorn 1983).
 """
@@ -72,7 +72,8 @@ def _as_one(a: Array, b: Array) -> Array | None:
     ).any():
         return None
     points = np.concatenate([a, b])
-    whole = hull(points)
+    whole = shapely.get_coordinates(shapely.convex_hull(shapely.multipoints(points)))[-2::-1]
+    whole = np.roll(whole, -int(np.lexsort((whole[:, 1], whole[:, 0]))[0]), axis=0)
     start, along = whole, np.roll(whole, -1, axis=0) - whole
     inside = cross(along[:, None], points[None] - start[:, None]) / np.hypot(*along.T)[:, None]
     gap = shapely.Polygon(a).distance(shapely.Polygon(b))
@@ -85,25 +86,6 @@ def _as_one(a: Array, b: Array) -> Array | None:
     ):
         return None
     return whole
-
-
-def hull(points: Array) -> Array:
-    """(K, 2) corners of the convex hull, turning +x towards +y (Andrew's monotone chain)."""
-    order = np.lexsort((points[:, 1], points[:, 0])).tolist()
-    xy = points.tolist()
-
-    def chain(row: list[int]) -> list[int]:
-        kept: list[int] = []
-        for k in row:
-            while len(kept) > 1:
-                (ax, ay), (bx, by), (cx, cy) = xy[kept[-2]], xy[kept[-1]], xy[k]
-                if (bx - ax) * (cy - by) - (by - ay) * (cx - bx) > PIECES.flat:
-                    break
-                kept.pop()
-            kept.append(k)
-        return kept[:-1]
-
-    return points[chain(order) + chain(order[::-1])]
 
 
 def _ring_pieces(ring: Ring) -> list[Array]:
