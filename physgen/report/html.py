@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import io
 import json
-from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, WebPImagePlugin  # noqa: F401 - else `save` loads all plugins
 
-from physgen.files import cache_folder, resource
+from physgen.files import resource
 from physgen.text import rounded, value_text
 
 U8 = NDArray[np.uint8]
@@ -31,23 +30,11 @@ def template(name: str) -> Any:
 
 @cache
 def _environment(folder: Path) -> Any:
-    """Of a folder's templates, each compiled once; translating them to Python takes longer than filling them in."""
+    """Of a folder's templates, each compiled once."""
     import jinja2
 
-    class Compiled(jinja2.FileSystemBytecodeCache):
-        def dump_bytecode(self, bucket: Any) -> None:
-            with suppress(OSError):  # a full disk: the template is in memory all the same
-                super().dump_bytecode(bucket)
-
-    kept = None
-    with suppress(OSError, RuntimeError):
-        place = cache_folder() / "templates"
-        place.mkdir(parents=True, exist_ok=True)
-        kept = Compiled(str(place))
     loader = jinja2.FileSystemLoader(folder)
-    made = jinja2.Environment(
-        loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, bytecode_cache=kept
-    )
+    made = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined)
     made.filters |= {"rounded": rounded, "value": value_text}
     return made
 
