@@ -90,7 +90,7 @@ def read_photo(path: Path, upright: bool = True) -> Photo:
     opaque = True
     for top in range(0, len(rgb), BAND):
         rows = slice(top, top + BAND)
-        rgb[rows], whole = _over_white(numbers[rows], has_alpha, to_srgb)
+        rgb[rows], whole = over_white(numbers[rows], has_alpha, to_srgb)
         opaque &= whole
     plain = plain and opaque and to_srgb is None and turn == 1
     if upright and turn in TURNS:
@@ -98,7 +98,7 @@ def read_photo(path: Path, upright: bool = True) -> Photo:
     return Photo(rgb, plain, readable)
 
 
-def _over_white(band: NDArray[Any], has_alpha: bool, to_srgb: ToSrgb | None) -> tuple[U8, bool]:
+def over_white(band: NDArray[Any], has_alpha: bool = True, to_srgb: ToSrgb | None = None) -> tuple[U8, bool]:
     """Stored numbers -> (h, w, 3) sRGB over white, composed in linear light; and whether all are opaque."""
     full = np.iinfo(band.dtype).max
     alpha = band[:, :, -1] if has_alpha else None

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.photometry import decode, encode_u8
-from physgen.photos import decode_picture, open_picture, read_photo
+from physgen.photos import decode_picture, open_picture, over_white, read_photo
 from physgen.problems import InputError, Limit, Place
 from physgen.text import natural
 
@@ -20,16 +20,6 @@ U8 = NDArray[np.uint8]
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff", ".ppm", ".pgm", ".pnm")
 """Of pictures in a folder; other files are passed over."""
-SIGNATURES = (
-    b"\x89PNG",
-    b"\xff\xd8\xff",
-    b"GIF8",
-    b"BM",
-    b"II*\0",
-    b"MM\0*",
-    *(b"P%d" % k for k in range(1, 7)),
-)
-"""First bytes by which pictures are recognised; those of WebP stand at byte 8."""
 ANIMATED = ("GIF", "WEBP", "PNG")
 """Formats of Pillow that may be animated; FFmpeg decodes no animated WebP."""
 DEFAULT_DURATION = 0.1
@@ -51,15 +41,6 @@ class VideoFrame(NamedTuple):
     """Duration; None where the file has none."""
     place: str
     """As messages name it: its file, or the video's with its number from 0."""
-
-
-def over_white(rgba: U8) -> U8:
-    """(H, W, 4) sRGB blended over white in linear light, as (H, W, 3)."""
-    rgb = np.ascontiguousarray(rgba[..., :3])
-    if (rgba[..., 3] == 255).all():
-        return rgb
-    alpha = rgba[..., 3:].astype(np.float32) / np.float32(255)
-    return encode_u8(1 + (decode(rgb) - 1) * alpha)
 
 
 @contextmanager
@@ -120,7 +101,7 @@ def _rgb(frame: Any) -> U8:
         src_colorspace=matrix,
         interpolation=Interpolation.BILINEAR | exact,
     ).to_ndarray()
-    return over_white(picture) if clear else np.asarray(picture, np.uint8)
+    return over_white(picture)[0] if clear else np.asarray(picture, np.uint8)
 
 
 def _upright(rgb: U8, frame: Any) -> U8:
@@ -205,8 +186,7 @@ def is_picture(path: Path) -> bool:
     if not path.is_file():
         raise InputError.of(str(path), "", "no such file", "check the path")
     with path.open("rb") as file:
-        head = file.read(16)
-    return head.startswith(SIGNATURES) or head[8:12] == b"WEBP"
+        return file.read(4) == b"GIF8" or cv2.haveImageReader(str(path))
 
 
 def plays(picture: Path) -> bool:
@@ -230,4 +210,4 @@ def _pages(path: Path) -> Iterator[VideoFrame]:
                 raise InputError.of(place, "", "cannot be decoded", CONVERT) from None
             decode_picture(image, Path(place))
             seconds = float(image.info.get("duration") or 0) / 1000 or DEFAULT_DURATION
-            yield VideoFrame(over_white(np.asarray(image.convert("RGBA"))), seconds, place)
+            yield VideoFrame(over_white(np.asarray(image.convert("RGBA")))[0], seconds, place)
