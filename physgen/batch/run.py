@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import traceback
-from collections.abc import Generator, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -112,19 +112,6 @@ class Done:
     seconds: float = 0.0
     disk_full: bool = False
     outcomes: Mapping[str, Cell] | None = None  # see `batch.outcomes.outcomes`
-
-
-def run_all(jobs: Iterable[Job], workers: int, progress: pipeline.Progress) -> Generator[Done, None, None]:
-    """Results in the order of the jobs, which are pulled as needed; `progress` is that of a job which runs here.
-
-    A caller that stops early must close the generator, which ends the processes.
-    """
-    if workers <= 1:
-        yield from (run(job, progress) for job in jobs)
-    else:
-        from physgen.batch.workers import run_parallel
-
-        yield from run_parallel(run, jobs, workers, failed)
 
 
 def run(job: Job, progress: pipeline.Progress = pipeline.silent) -> Done:

@@ -224,7 +224,8 @@ def make_all(
 
     `on_done` is called after each job; `finish` is called at the end, and returns the files to print.
     """
-    from physgen.batch.run import record_failure, run_all
+    from physgen.batch.run import failed, record_failure, run
+    from physgen.batch.workers import run_parallel
     from physgen.report.folders import cleaned_up
 
     out = Path(options.output)
@@ -236,7 +237,9 @@ def make_all(
         jobs = (replace(job, pictures=True) for job in jobs)
     tally, bar = Tally(), Bar()
     _announce(bar, 1, count)
-    with cleaned_up(out), closing(run_all(jobs, min(options.jobs, count), bar.show)) as done_ones:
+    workers = min(options.jobs, count)
+    work = run if workers > 1 else partial(run, progress=bar.show)
+    with cleaned_up(out), closing(run_parallel(work, jobs, workers, failed)) as done_ones:
         for done in done_ones:
             bar.clear()
             if done.disk_full:  # every further clip would fail the same way
