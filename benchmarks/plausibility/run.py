@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from physgen import pipeline
-from physgen.scene.load import raw_document
+from physgen.scene.load import Opened
 
 from .confusion import counted
 from .judge import Verdict, judge
@@ -49,7 +49,7 @@ def bundled_clips() -> Iterator[tuple[Path, str | None]]:
     """Files of bundled scenes, and None or a variant."""
     for path in sorted((ROOT / "scenes").glob("*/*.yaml")):
         yield path, None
-        for variant in raw_document(path).get("variants") or {}:
+        for variant in Opened(path).document().get("variants") or {}:
             yield path, variant
 
 

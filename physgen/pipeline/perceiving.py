@@ -275,19 +275,20 @@ def refresh(
     from physgen.photos import read_photo
     from physgen.pipeline.stages import percepts
     from physgen.registry import Backends
-    from physgen.scene.load import load, raw_document
+    from physgen.scene.load import Opened
     from physgen.scene.provenance import follows_scale
 
     options = replace(options or PerceiveOptions(), **changes)
     crew = crew or Backends()
     crew.begin()
-    scene = load(path, allow_outside=options.allow_outside)
+    opened = Opened(path, options.allow_outside)
+    scene = opened.scene()
     if scene.image is None:
         raise InputError.of("--refresh", f'"{path}"', "shows no photo", "name one with image:")
     maps = percepts(scene)
     ids = compile_scene(scene, None if maps is None else maps.labels).labels
     photo, find = read_photo(scene.image), Segmenter(crew, options.asked)
-    own = raw_document(path, options.allow_outside)
+    own = opened.document()
     old = old_and_new.with_sources(own, scene)
     begun = old_and_new.start_refresh(photo.rgb, scene.objects, old, ids, options.boxes, options.points, find)
     crew.release("segment")

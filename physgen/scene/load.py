@@ -94,14 +94,6 @@ def load(
     return Opened(path, allow_outside).scene(overrides, variant)
 
 
-def raw_document(path: str | os.PathLike[str], allow_outside: bool = False) -> dict[str, Any]:
-    """A file as plain YAML data, with what it extends and without any default. Raises InputError."""
-    name = os.fspath(path)
-    document = plain(with_bases(read_scene(Path(name), name), Path(name), allow_outside))
-    assert isinstance(document, dict)
-    return document
-
-
 def _edited(root: Node, overrides: Sequence[str], variant: str | None, source: Source) -> Node:
     """The tree after a variant and the overrides; raises InputError with every edit that cannot be made."""
     problems: list[Problem] = []
