@@ -18,11 +18,12 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from physgen.files import install
-from physgen.problems import InputError, Place, Problem
+from physgen.problems import InputError, Place, Problem, collect
 
 FLAG = Place("--backend")
 MAP_FILE = "file"
@@ -229,20 +230,15 @@ def choices(settings: Iterable[str], place: Place = FLAG) -> dict[str, Choice]:
     >>> str(choices(["inpaint=fill"])["inpaint"])
     'fill'
     """
-    result: dict[str, Choice] = {}
-    problems: list[Problem] = []
-    for setting in settings:
+
+    def read(setting: str) -> tuple[str, Choice]:
         role, sign, text = setting.partition("=")
         if not sign:
-            problems.append(Problem(place, "", f'"{setting}"', "is not ROLE=NAME", "write e.g. inpaint=fill"))
-            continue
-        try:
-            result[role] = choice(role, text, place)
-        except InputError as error:
-            problems += error.problems
-    if problems:
-        raise InputError(problems)
-    return result
+            fix = "write e.g. inpaint=fill"
+            raise InputError([Problem(place, "", f'"{setting}"', "is not ROLE=NAME", fix)])
+        return role, choice(role, text, place)
+
+    return dict(collect(partial(read, setting) for setting in settings))
 
 
 def choice(role: str, text: str, place: Place = FLAG) -> Choice:

@@ -15,7 +15,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from hashlib import sha256
 from math import prod
 from pathlib import Path
@@ -25,7 +25,7 @@ from physgen.batch.axes import Axis, Drawn, Listed, same_key
 from physgen.batch.run import Done
 from physgen.batch.values import Value
 from physgen.files import back_up
-from physgen.problems import InputError, Problem, Severity
+from physgen.problems import InputError, Problem, Severity, collect
 from physgen.report.sweep_keys import shortest_names
 from physgen.scene.load import Opened
 from physgen.scene.scene import Scene
@@ -195,17 +195,10 @@ def check_values(sweep: Sweep, opened: Opened, overrides: Sequence[str] = ()) ->
     value fits it. Other values that fail are failed clips.
     """
     typical = sweep.typical()
-    names: dict[str, None] = {}
-    problems: dict[Problem, None] = {}
-    for variant in sweep.variants[:MAX_CHECKED_VARIANTS]:
-        try:
-            scene = _scene(sweep, opened, overrides, typical, variant)
-            names |= {item.name: None for item in scene.objects if item.motion.value != "static"}
-        except InputError as error:
-            problems |= dict.fromkeys(error.problems)
-    if problems:
-        raise InputError(problems)
-    return tuple(names)
+    variants = sweep.variants[:MAX_CHECKED_VARIANTS]
+    scenes = collect(partial(_scene, sweep, opened, overrides, typical, variant) for variant in variants)
+    movable = (item.name for scene in scenes for item in scene.objects if item.motion.value != "static")
+    return tuple(dict.fromkeys(movable))
 
 
 def _scene(

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from physgen.cli.arguments import Command, Parser, count, seed, whole
 from physgen.cli.output import FAILED, OK, Bar, print_backup, print_error, print_json, print_problems
 from physgen.files import install
-from physgen.problems import InputError, Problem
+from physgen.problems import InputError, collect
 
 if TYPE_CHECKING:
+    from physgen.evaluate.fid import Features
     from physgen.evaluate.measure import Findings
 
 MAILED = 50.0  # MB of a page that most mailboxes take
@@ -101,34 +103,18 @@ def add_fid(parser: Parser) -> None:
 
 
 def run_fid(options: argparse.Namespace) -> int:
-    from physgen.evaluate.clip_frames import Rule, Source, sources
-    from physgen.evaluate.fid import Bank, Features, Settings, findings, measure
+    from physgen.evaluate.clip_frames import Rule, sources
+    from physgen.evaluate.fid import Settings, findings, measure
     from physgen.evaluate.measure import check_folder
 
     check_folder(options.output)
-    problems: list[Problem] = []
-    clips: dict[str, list[Source]] = {}
-    for name, paths in {REFERENCE: options.reference, **methods(options.clips)}.items():
-        try:
-            clips[name] = sources(paths)
-        except InputError as error:
-            problems += error.problems
-    features: Features = Bank()
-    if options.inception:
-        try:
-            from physgen.evaluate.backends.inception import Inception
-
-            features = Inception(options.inception)
-        except InputError as error:
-            problems += error.problems
-        except ModuleNotFoundError as error:
-            found, fix = f"needs {error.name}, which is not installed", install("models")
-            problems += InputError.of("--inception", "", found, fix).problems
-    if problems:
-        raise InputError(dict.fromkeys(problems))
+    named = methods(options.clips)
+    calls: list[Callable[[], Any]] = [partial(_features, options.inception)]
+    calls += [partial(sources, paths) for paths in (options.reference, *named.values())]
+    features, truth, *sides = collect(calls)
     settings = Settings(Rule(options.size, options.frames), options.draws)
-    truth = clips.pop(REFERENCE)
-    clips = {name: [replace(one, skip=options.skip) for one in side] for name, side in clips.items()}
+    skipped = ([replace(one, skip=options.skip) for one in side] for side in sides)
+    clips = dict(zip(named, skipped, strict=True))
     bar = Bar()
     try:
         measured = measure(truth, clips, features, settings, bar.show)
@@ -139,6 +125,21 @@ def run_fid(options: argparse.Namespace) -> int:
     bar.clear()
     print_problems(measured.warnings)
     return hand_over(findings(measured, options.skip), options)
+
+
+def _features(file: Path | None) -> Features:
+    """Those of Inception's file, or of no model. Raises InputError."""
+    from physgen.evaluate.fid import Bank
+
+    if file is None:
+        return Bank()
+    try:
+        from physgen.evaluate.backends.inception import Inception
+
+        return Inception(file)
+    except ModuleNotFoundError as error:
+        found, fix = f"needs {error.name}, which is not installed", install("models")
+        raise InputError.of("--inception", "", found, fix) from None
 
 
 def methods(paths: Sequence[Path]) -> dict[str, list[Path]]:

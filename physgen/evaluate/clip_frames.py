@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from physgen.problems import InputError, Problem
+from physgen.problems import InputError, collect
 from physgen.text import natural
 from physgen.videos import SUFFIXES, U8, video_frames
 
@@ -47,16 +48,7 @@ class Source:
 
 def sources(paths: Iterable[Path]) -> list[Source]:
     """Clips of one side, in order. Raises InputError with every path that holds none."""
-    found: list[Source] = []
-    problems: list[Problem] = []
-    for path in paths:
-        try:
-            found += clips_in(path)
-        except InputError as error:
-            problems += error.problems
-    if problems:
-        raise InputError(problems)
-    return found
+    return [clip for clips in collect(partial(clips_in, path) for path in paths) for clip in clips]
 
 
 def clips_in(path: Path) -> list[Source]:

@@ -23,7 +23,7 @@ from physgen.files import install
 from physgen.maps import read_labels
 from physgen.perceive.roles import Segment, Segments
 from physgen.photos import read_photo
-from physgen.problems import InputError, Place, Problem, Severity
+from physgen.problems import InputError, Place, Problem, Severity, collect
 from physgen.text import counted
 
 Mask = NDArray[np.bool_]
@@ -308,15 +308,7 @@ def evaluate(
     """
     require_pycocotools()
     segment: Segment = backend if callable(backend) else registry.make("segment", backend)
-    problems = []
-    for k, pair in enumerate(pairs):
-        progress("read", k, len(pairs))
-        try:
-            pair.read()
-        except InputError as error:
-            problems += error.problems
-    if problems:
-        raise InputError(problems)
+    collect(pair.read for pair in pairs)
     photos = []
     for k, pair in enumerate(pairs):
         progress(pair.name, k, len(pairs))

@@ -13,6 +13,7 @@ import base64
 import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -25,7 +26,7 @@ from physgen.evaluate.measure import Progress
 from physgen.export.video import Format, open_video
 from physgen.files import resource, write_with_backup
 from physgen.photos import read_photo
-from physgen.problems import InputError, Problem
+from physgen.problems import InputError, collect
 from physgen.report.html import script_json, template, webp
 from physgen.text import natural, shown
 from physgen.videos import U8, Video, is_picture, plays, read_video
@@ -284,24 +285,18 @@ def make(
     scenes = choose(methods, videos, seed)
     pairs = [(method, scene) for scene in scenes for method in methods.names]
     order = np.random.default_rng([seed, len(pairs)]).permutation(len(pairs)).tolist()
-    clips: list[PageClip] = []
     photos: dict[str, str] = {}
-    problems: list[Problem] = []
-    for done, k in enumerate(order):
+
+    def encode(done: int, method: str, scene: str) -> PageClip:
         progress("clips", done, len(pairs))
-        method, scene = pairs[k]
-        try:
-            film, size = _encoded(methods.films[method, scene])
-            clips.append(PageClip(f"c{done + 1}", method, scene, film, size))
-        except InputError as error:
-            problems += error.problems
-    for scene in (scene for scene in scenes if scene in methods.photos):
-        try:
-            photos[scene] = webp(within(read_photo(methods.photos[scene]).rgb), QUALITY)
-        except InputError as error:
-            problems += error.problems
-    if problems:
-        raise InputError(problems)
+        return PageClip(f"c{done + 1}", method, scene, *_encoded(methods.films[method, scene]))
+
+    def show(scene: str) -> None:
+        photos[scene] = webp(within(read_photo(methods.photos[scene]).rgb), QUALITY)
+
+    calls: list[Callable[[], Any]] = [partial(encode, done, *pairs[k]) for done, k in enumerate(order)]
+    calls += [partial(show, scene) for scene in scenes if scene in methods.photos]
+    clips: list[PageClip] = collect(calls)[: len(order)]
     words = {scene: methods.words[scene] for scene in scenes if scene in methods.words}
     asked = [(question.claim, question.hint) for question in QUESTIONS]
     parts = [seed, asked, SCALE, words, photos, [sha256(clip.film).hexdigest() for clip in clips]]

@@ -110,7 +110,7 @@ class ForceFields:
         self._springs = spring_joints(world)
         self._winds = [f for f in world.fields if f.kind is FieldKind.WIND]
         self._attractors = [f for f in world.fields if f.kind is FieldKind.ATTRACTOR]
-        self._width = np.array([2 * np.sqrt(_area(b) / pi) for b in bodies if self._winds])
+        self._width = np.array([2 * np.sqrt(area(b) / pi) for b in bodies if self._winds])
         self._dampers: dict[int, int] = {}
         for spring in self._springs:
             for body in (spring.first, spring.second):
@@ -213,7 +213,8 @@ class ForceFields:
                 part[body, 2] += sign * force * lever
 
 
-def _area(body: Body) -> float:
+def area(body: Body) -> float:
+    """px²."""
     if body.radius is not None:
         return pi * body.radius**2
     return float(sum(abs(polygon_moments(piece).area) for piece in body.pieces))

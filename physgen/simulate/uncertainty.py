@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 
 from physgen.compile.compile import Compiled, compile_shapes
 from physgen.compile.world import Body, World
-from physgen.geometry.polygon import Array, polygon_moments
+from physgen.geometry.polygon import Array
 from physgen.problems import InputError, Problem
 from physgen.progress import Progress, silent
 from physgen.scene.scene import Motion, Scene, View
 from physgen.simulate.engine import simulate
+from physgen.simulate.forces import area
 from physgen.simulate.trajectory import Trajectory
 from physgen.simulate.uncertain_values import UncertainValue, draw_values, uncertain_values, with_draw
 from physgen.text import rounded
@@ -143,10 +144,7 @@ def simulate_ensemble(
 
 def size(body: Body) -> float:
     """px: the diameter of a disc of the body's area."""
-    if body.radius is not None:
-        return 2 * body.radius
-    area = sum(abs(polygon_moments(piece).area) for piece in body.pieces)
-    return float(2 * np.sqrt(area / np.pi))
+    return float(2 * np.sqrt(area(body) / np.pi))
 
 
 def outcome(world: World, run: Trajectory) -> Outcome:

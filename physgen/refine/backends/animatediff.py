@@ -9,7 +9,7 @@ import traceback
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import diffusers
@@ -28,7 +28,7 @@ from physgen.perceive.backends.models import (
     run_note,
     weight_ids,
 )
-from physgen.problems import InputError, Problem
+from physgen.problems import InputError, collect
 from physgen.refine.backends.sampling import (
     REFINE,
     Schedule,
@@ -166,14 +166,8 @@ class Sampler:
         self._weights = weight_ids("refine", NAME, setup, REFINE)
         self._device = device_of(setup)
         self._dtype = dtype_of(setup, self._device)
-        problems: list[Problem] = []
-        for weights in self._weights:
-            try:
-                load_weights(lambda _: None, weights, WHAT, REFINE)  # is it here, or to be had
-            except InputError as error:
-                problems += error.problems
-        if problems:
-            raise InputError(problems)
+        # are they here, or to be had
+        collect(partial(load_weights, lambda _: None, weights, WHAT, REFINE) for weights in self._weights)
         self._trained = trained(self._weights)
         self.grid = self._asked()
         self._offload = "none"
