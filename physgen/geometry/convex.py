@@ -72,7 +72,7 @@ def _as_one(a: Array, b: Array) -> Array | None:
     ).any():
         return None
     points = np.concatenate([a, b])
-    whole = shapely.get_coordinates(shapely.convex_hull(shapely.multipoints(points)))[-2::-1]
+    whole: Array = shapely.get_coordinates(shapely.convex_hull(shapely.multipoints(points)))[-2::-1]
     whole = np.roll(whole, -int(np.lexsort((whole[:, 1], whole[:, 0]))[0]), axis=0)
     start, along = whole, np.roll(whole, -1, axis=0) - whole
     inside = cross(along[:, None], points[None] - start[:, None]) / np.hypot(*along.T)[:, None]
