@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cached_property
 from pathlib import Path
-from threading import Lock, Thread
+from threading import Thread
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from physgen.report.record import RunRecord
     from physgen.scene.load import Opened
     from physgen.scene.scene import Scene
-    from physgen.simulate.recorder import StepLog
     from physgen.simulate.trajectory import Trajectory
     from physgen.simulate.uncertainty import Ensemble
 
@@ -83,15 +82,13 @@ def compile(scene: Scene, maps: Percepts | None) -> Compiled:
     return ended(scene, compile_scene(scene, None if maps is None else maps.labels))
 
 
-def ended(scene: Scene, compiled: Compiled, tape: StepLog | None = None) -> Compiled:
+def ended(scene: Scene, compiled: Compiled) -> Compiled:
     """The same with `duration: auto` resolved: 0.5 s of video after the last motion that shows, and after forces,
     views and waypoints that begin later.
-
-    A `tape` that is kept saves running the same world again.
     """
     from physgen.compile.compile import frame_times
     from physgen.scene.scene import Solid
-    from physgen.simulate.recorder import StepLog
+    from physgen.simulate.engine import Running
 
     if not scene.world.until_rest:
         return compiled
@@ -103,11 +100,12 @@ def ended(scene: Scene, compiled: Compiled, tape: StepLog | None = None) -> Comp
     ]  # other spins go on for ever
     begins = [force.start for force in scene.forces] + [sight.time for sight in scene.render.camera]
     latest = max(begins + [point.time for item in scene.objects for point in item.path], default=0.0)
-    tape = tape or StepLog()
+    run = Running(replace(world, duration=most), np.arange(0.0, most, pause / 15))
     for length in (*(part / slow for part in (1.25, 2.5, 5.0) if part / slow < most), most):
-        times = np.arange(0.0, length, pause / 15)
-        run = tape.read(times, motion_only=True)
-        poses = (run or simulate(replace(world, duration=most, times=times), tape=tape)).poses
+        run.on(length)
+        run.read()
+        times = run.times[run.times < length]
+        poses = run.trajectory().poses[: len(times)]
         off = np.abs(poses - poses[-1:]) * np.array([1.0, 1.0, 0.0])
         off[..., 2] = np.abs(poses[..., 2] - poses[-1:, :, 2]) * reach * np.array(ends or [False])
         out = (poses[..., :2] < -reach[:, None]) | (poses[..., :2] > reach[:, None] + world.size)
@@ -132,21 +130,16 @@ def lint(scene: Scene, compiled: Compiled, maps: Percepts | None = None) -> list
     return lint_scene(scene, compiled, maps)
 
 
-def simulate(
-    world: World, rate: float | None = None, progress: Progress = silent, tape: StepLog | None = None
-) -> Trajectory:
-    """Motion at the video's frame times, or from t = 0 to the end at `rate` samples a second.
-
-    A `tape` keeps the engine's steps, to be sampled at other times without running again.
-    """
+def simulate(world: World, rate: float | None = None, progress: Progress = silent) -> Trajectory:
+    """Motion at the video's frame times, or from t = 0 to the end at `rate` samples a second."""
     from physgen.simulate.engine import simulate as run
 
     if rate is None:
-        return run(world, progress=progress, tape=tape)
+        return run(world, progress=progress)
     count = int(world.duration * rate + 1e-9) + 1
     if count * max(len(world.bodies), 1) > Limit.POSES.most:
         raise Limit.POSES.error(Place("--rate"), found=f"{count:,} samples of {len(world.bodies)} objects")
-    return run(world, np.arange(count) / rate, progress, tape=tape)
+    return run(world, np.arange(count) / rate, progress)
 
 
 def fan(
@@ -386,11 +379,11 @@ class Stages:
         made = self._stages.of(read, lambda: stage(scene, compiled, maps.percepts))
         return replace(made, starts=photo_poses(compiled.world))  # objects may have been moved since
 
-    def simulate(self, world: World, progress: Progress = silent, tape: StepLog | None = None) -> Trajectory:
-        """See `simulate`. A motion that this process knows leaves the `tape` empty."""
+    def simulate(self, world: World, progress: Progress = silent) -> Trajectory:
+        """See `simulate`."""
         from physgen.pipeline.cache_keys import motion_key
 
-        return self._motions.of(motion_key(world), lambda: simulate(world, progress=progress, tape=tape))
+        return self._motions.of(motion_key(world), lambda: simulate(world, progress=progress))
 
     def hash(self, file: Path) -> str:
         """SHA-256 of a file, computed once while the file does not change. Raises OSError."""
@@ -456,28 +449,17 @@ class Film:
         self._record, self._stages = record, stages
         self._fine: tuple[Trajectory, Trajectory, int] | None = None
         """Of a trajectory: the samples at which its frames are exposed, and how many a frame has."""
-        self._tape: StepLog | None = None
-        self._reading = Lock()
 
     def simulated(self, progress: Progress) -> Trajectory:
-        """The motion, a sample a frame; its steps are kept where it is run now."""
-        from physgen.simulate.recorder import StepLog
-
-        self._tape = StepLog()
+        """The motion, a sample a frame."""
         with self._record.stage("simulate", time.thread_time):
-            return self._stages.simulate(self.compiled.world, progress, self._tape)
+            return self._stages.simulate(self.compiled.world, progress)
 
-    def sampled(self, times: NDArray[np.float64], motion_only: bool = False) -> Trajectory:
+    def sampled(self, times: NDArray[np.float64]) -> Trajectory:
         """The same motion at other times, s: the engine's steps do not depend on its samples."""
         from physgen.simulate.engine import simulate
-        from physgen.simulate.recorder import StepLog
 
-        with self._reading:
-            found = None if self._tape is None else self._tape.read(times, motion_only)
-            if found is None:
-                self._tape = StepLog()
-                found = simulate(self.compiled.world, times, tape=self._tape)
-        return found
+        return simulate(self.compiled.world, times)
 
     @cached_property
     def stage(self) -> Stage:
@@ -513,7 +495,7 @@ class Film:
             fine = trajectory
             if parts > 1:
                 with self._record.stage("expose", time.thread_time):
-                    fine = self.sampled(moments, motion_only=True)
+                    fine = self.sampled(moments)
             self._fine = trajectory, fine, parts
         return self._fine[1:]
 

@@ -41,7 +41,7 @@ from physgen.simulate.forces import (
     stiffest_spring,
 )
 from physgen.simulate.joints import Assemblies
-from physgen.simulate.recorder import DIVERGED_FIX, NOT_BRAKED, UNKNOWN_PLACE, Recorder, Step, StepLog
+from physgen.simulate.recorder import DIVERGED_FIX, NOT_BRAKED, UNKNOWN_PLACE, Recorder, Step
 from physgen.simulate.space import Space
 from physgen.simulate.step_control import Governor, StepDivider
 from physgen.simulate.trajectory import Effort, Trajectory
@@ -58,31 +58,26 @@ GLIDE = 8
 """Steps after which speeds are looked at again."""
 
 
-def simulate(
-    world: World, times: Array | None = None, progress: Progress = silent, tape: StepLog | None = None
-) -> Trajectory:
+def simulate(world: World, times: Array | None = None, progress: Progress = silent) -> Trajectory:
     """Run the world and sample it at `times` (s, rising, the world's own frame times unless given).
 
-    A `tape` keeps the steps, to be sampled again. Raises InputError where a body leaves all numbers.
+    Raises InputError where a body leaves all numbers.
     """
-    running = Running(world, times, tape)
+    running = Running(world, times)
     running.on(running.end, progress)
     running.rest()
-    made = running.trajectory()
-    if tape is not None:
-        tape.end(made.effort, running.further)
-    return made
+    return running.trajectory()
 
 
 class Running:
     """A simulation under way: taken on piece by piece, however the pieces are cut, it becomes what `simulate` gives."""
 
-    def __init__(self, world: World, times: Array | None = None, tape: StepLog | None = None) -> None:
+    def __init__(self, world: World, times: Array | None = None) -> None:
         self.times = world.times if times is None else np.asarray(times, np.float64)
         self._base = 1.0 / world.steps_per_second
         self._number = -1
         bodies = world.bodies
-        self._world, self._tape = world, tape
+        self._world = world
         self._space = Space(world)
         self._governor = Governor(world)
         loads, self._scripts = ForceFields(world), ScriptedMotion(world)
@@ -144,11 +139,6 @@ class Running:
         with self._overflow_named():
             self._ledger.flush()
 
-    def further(self, until: float) -> None:
-        """On to a later time than the last sample's."""
-        self.on(until)
-        self.rest()
-
     def trajectory(self) -> Trajectory:
         """What is known; samples from `done` on are not taken yet, and zeros."""
         pair = self._stepper.budget.exceeded_by or (-1, -1)
@@ -201,8 +191,6 @@ class Running:
         self._space.weaken(1.0)
         if step.before is None:
             step.before = state[:, 3:].copy()
-        if self._tape is not None:
-            self._tape.begin(self._ledger, step, pose, shown, roll)
         self._ledger.begin(step, pose, shown, roll)
 
     def _advance(self) -> None:
@@ -264,8 +252,6 @@ class Running:
         self._record(step, h)
 
     def _record(self, step: Step, h: float) -> None:
-        if self._tape is not None:
-            self._tape.add(step)
         if self._ledger.add(step):
             ledger, since = self._ledger, self._stepper.steps - self._reviewed
             self._reviewed = self._stepper.steps

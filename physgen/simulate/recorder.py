@@ -1,13 +1,11 @@
 """Steps of a run to samples: poses, contacts and the energy balance at exact times.
 
-Steps are read a block at a time. `StepLog` keeps them, to be sampled at other times without running again.
+Steps are read a block at a time.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from math import ceil
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -175,7 +173,6 @@ class Recorder:
     loads: ForceFields
     scripts: ScriptedMotion
     times: Array  # (T,) s to sample at
-    motion_only: bool = False  # whether contacts and energy are left out: their samples are empty, or zeros
     log: ContactLog = field(init=False)
 
     def __post_init__(self) -> None:
@@ -255,12 +252,10 @@ class Recorder:
         mean = self._all((before + after) / 2)
         pose = self._all(states[:, :, :3], self._still)
         rolls = np.cumsum([self._roll, *rolled], axis=0)
-        flow = np.zeros((len(steps), 2))
-        if not self.motion_only:
-            flow = self._contacts(steps, pose, self._all(before), self._all(after))
-            lost, work = self._loaded(steps, mean, rolls)
-            flow[:, 0] += lost + self._braked(steps, mean[:, :, 2])
-            flow[:, 1] += work + [step.driven for step in steps]
+        flow = self._contacts(steps, pose, self._all(before), self._all(after))
+        lost, work = self._loaded(steps, mean, rolls)
+        flow[:, 0] += lost + self._braked(steps, mean[:, :, 2])
+        flow[:, 1] += work + [step.driven for step in steps]
         ends = np.array([step.time for step in steps])
         # at a step's end half of what it did is done: its velocities are those of the middle of two steps
         smooth = np.cumsum(flow, axis=0) + self._smooth + self._owed - flow / 2
@@ -445,15 +440,14 @@ class Recorder:
             )
         self.poses[first:done], self.velocities[first:done], self.rolls[first:done] = x, v, roll
         _refuse_infinities(self.world, x, v, time)
-        if not self.motion_only:
-            balance0 = start(smooth, self._smooth)
-            blown = np.tile(self._spent, (len(time), 1))
-            for first_after, (_, *flow) in zip(
-                np.searchsorted(time + 1e-12, [at for at, _, _ in self._struck]), self._struck, strict=True
-            ):
-                blown[first_after:] += flow
-            balance = balance0 + part[:, None] * (smooth[s] - balance0) + blown
-            self._balance[first:done] = np.column_stack([*self._energy(x, v, roll), balance])
+        balance0 = start(smooth, self._smooth)
+        blown = np.tile(self._spent, (len(time), 1))
+        for first_after, (_, *flow) in zip(
+            np.searchsorted(time + 1e-12, [at for at, _, _ in self._struck]), self._struck, strict=True
+        ):
+            blown[first_after:] += flow
+        balance = balance0 + part[:, None] * (smooth[s] - balance0) + blown
+        self._balance[first:done] = np.column_stack([*self._energy(x, v, roll), balance])
         self.done = done
         for _, lost, work in self._struck:
             self._spent += np.array([lost, work])
@@ -505,61 +499,3 @@ def _refuse_infinities(world: World, pose: Array, velocity: Array, times: Array)
         expected = f"leaves all numbers by t = {times[k]:.3f} s"
         path = f"objects.{world.bodies[body].name}"
         raise InputError([Problem(UNKNOWN_PLACE, path, "", expected, DIVERGED_FIX)])
-
-
-MOST = 64_000_000
-"""Bytes of steps that are kept; a longer run is not."""
-
-
-class StepLog:
-    """Hand one to `simulate`, then ask it. Reading costs a tenth of running, and gives the same numbers."""
-
-    def __init__(self, most: int = MOST) -> None:
-        self._most, self._held = most, 0
-        self._begin: tuple[Step, Array, Array, Array] | None = None
-        self._steps: list[Step] = []
-        self._ledger: Recorder | None = None
-        self._effort: Effort | None = None
-        self._on: Callable[[float], None] | None = None
-
-    def begin(self, ledger: Recorder, step: Step, pose: Array, velocity: Array, roll: Array) -> None:
-        """Keep what `Recorder.begin` is called with, and which recorder."""
-        self._ledger = ledger
-        self._begin = step, pose.copy(), velocity.copy(), roll.copy()
-
-    def add(self, step: Step) -> None:
-        """Keep a step; all are let go once they are too many."""
-        if self._begin is None:
-            return
-        self._held += len(step.states) + len(step.numbers)
-        self._held += 0 if step.load is None else 3 * step.load.total.nbytes
-        self._steps.append(step)
-        if self._held > self._most:
-            self._steps, self._begin, self._ledger = [], None, None
-
-    def end(self, effort: Effort, on: Callable[[float], None]) -> None:
-        """The run is over; `on` takes it on to a later time, s, where later times are asked for."""
-        self._effort, self._on = effort, on
-
-    def read(self, times: Array, motion_only: bool = False) -> Trajectory | None:
-        """As `simulate` samples at `times` (T,) s, rising, or the motion alone; None where the steps were not kept.
-
-        Times after the run's last take it on: as far as the run itself would have come, and no step is taken twice.
-        """
-        if self._begin is None or self._ledger is None or len(times) == 0:
-            return None
-        h = 1.0 / self._ledger.world.steps_per_second
-        last = ceil(float(times[-1]) / h - 1e-9) * h
-        if last > (self._steps[-1].time if self._steps else 0.0) + 1e-9 * h and self._on is not None:
-            self._on(last)
-        if self._begin is None or self._ledger is None or self._effort is None:  # they have become too many
-            return None
-        ledger = replace(self._ledger, times=times, motion_only=motion_only)
-        with np.errstate(over="ignore", invalid="ignore"):
-            ledger.begin(*self._begin)
-            for step in self._steps:
-                if step.time > last + 1e-9 * h:
-                    break
-                ledger.add(step)
-            ledger.flush()
-        return ledger.trajectory(self._effort)
