@@ -86,12 +86,12 @@ def ended(scene: Scene, compiled: Compiled) -> Compiled:
     """The same with `duration: auto` resolved: 0.5 s of video after the last motion that shows, and after forces,
     views and waypoints that begin later.
     """
+    if not scene.world.until_rest:
+        return compiled
     from physgen.compile.compile import frame_times
     from physgen.scene.scene import Solid
     from physgen.simulate.engine import Running
 
-    if not scene.world.until_rest:
-        return compiled
     slow = 1.0 if scene.render.frames is not None else scene.render.slow
     world, pause, most = compiled.world, 0.5 / slow, scene.world.duration / slow
     reach = np.array([body.reach for body in world.bodies] or [0.0])
