@@ -26,7 +26,6 @@ from physgen.scene.scene import (
     Mask,
     MaskId,
     MaskPolygon,
-    MaskRle,
     Object,
     Points,
     Scene,
@@ -40,7 +39,7 @@ PixelMask = NDArray[np.bool_]
 
 
 def object_labels(scene: Scene, labels: U16 | None, written: list[Outline | None]) -> U16:
-    """(H, W) ids by object: from masks.png, an outline, run lengths or, with none of these, the written shape.
+    """(H, W) ids by object: from masks.png, an outline or, with none of these, the written shape.
 
     `written` holds the outline of every explicit shape, None where it is fitted. Nearer layers win shared pixels.
     """
@@ -73,9 +72,6 @@ def mask_pixels(mask: Mask | None, size: tuple[int, int], labels: U16 | None) ->
             return None if labels is None else np.asarray(labels == identity)
         case MaskPolygon(points=points):
             return fill_polygon(points, size)
-        case MaskRle(size=(height, width), counts=counts):
-            flat = np.repeat(np.arange(len(counts)) % 2 == 1, counts)
-            return np.ascontiguousarray(flat.reshape(width, height).T)
         case _:
             return None
 

@@ -374,10 +374,7 @@ def _points(values: Sequence[Sequence[float]]) -> parts.Points:
 def _mask(value: Any) -> parts.Mask:
     if not isinstance(value, dict):
         return parts.MaskId(int(value))
-    if "polygon" in value:
-        return parts.MaskPolygon(_points(value["polygon"]))
-    height, width = value["rle"]["size"]
-    return parts.MaskRle((int(height), int(width)), tuple(map(int, value["rle"]["counts"])))
+    return parts.MaskPolygon(_points(value["polygon"]))
 
 
 def _shape(value: Any) -> parts.Shape:

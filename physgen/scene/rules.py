@@ -208,7 +208,7 @@ class _Rules:
             raise RefusedError(expected, "make them the same size")
 
     def masks(self) -> None:
-        """Ids that two parts use or that have no masks.png, and run lengths that do not fill the canvas."""
+        """Ids that two parts use or that have no masks.png."""
         owner: dict[int, str] = {}
         assets = self.ground.assets
         has_masks = assets is not None and (assets / "masks.png").is_file()
@@ -219,8 +219,6 @@ class _Rules:
                 if mask is None:
                     continue
                 path: KeyPath = (section, name, "mask")
-                if "rle" in children(mask) and self.ground.size:
-                    self.rle(children(mask)["rle"], (*path, "rle"), self.ground.size)
                 if not isinstance(mask.value, int | float):
                     continue
                 id_ = int(mask.value)
@@ -239,19 +237,6 @@ class _Rules:
         else:
             assets = self.top["assets"]
             self.add(assets.place, "assets", shown(assets.value), "has no masks.png", "put it there")
-
-    def rle(self, node: Node, path: KeyPath, canvas: tuple[int, int]) -> None:
-        size, counts = children(node)["size"], children(node)["counts"]
-        height, width = whole(size)
-        total = sum(whole(counts))
-        if (width, height) != canvas:
-            expected = f"is not the canvas's height and width, [{canvas[1]}, {canvas[0]}]"
-            fix = "write the mask at the photo's size"
-            self.add(size.place, (*path, "size"), f"[{height}, {width}]", expected, fix)
-        elif total != width * height:
-            expected = f"add up to {total}, not to {width * height} pixels"
-            fix = "write runs that fill the mask, background first"
-            self.add(counts.place, (*path, "counts"), "", expected, fix)
 
     # Objects and boundaries
 

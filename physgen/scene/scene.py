@@ -188,15 +188,7 @@ class MaskPolygon:
     points: Points
 
 
-@dataclass(frozen=True)
-class MaskRle:
-    """`mask: {rle: ...}`: run lengths down the columns as in COCO, starting with background; size is `(H, W)`."""
-
-    size: tuple[int, int]
-    counts: tuple[int, ...]
-
-
-Mask = MaskId | MaskPolygon | MaskRle
+Mask = MaskId | MaskPolygon
 
 
 @dataclass(frozen=True)

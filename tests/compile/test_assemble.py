@@ -87,11 +87,11 @@ def test_masks_written_in_the_scene(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "photo.png"), np.full((4, 6, 3), 100, np.uint8))
     c = compiled(
         tmp_path,
-        "objects: {a: {mask: {rle: {size: [4, 6], counts: [5, 2, 2, 2, 2, 2, 9]}}}}",
+        "objects: {a: {mask: {polygon: [[0.7, 0.7], [3.3, 0.7], [3.3, 2.3], [0.7, 2.3]]}}}",
         "image: photo.png",
     )
     expected = np.zeros((4, 6), int)
-    expected[1:3, 1:4] = 1  # COCO counts run down the columns
+    expected[1:3, 1:4] = 1  # pixels whose centres lie inside
     assert c.labels.tolist() == expected.tolist()
     assert c.world.bodies[0].center == approx([2, 1.5])
 

@@ -81,10 +81,6 @@ def test_masks_written_out(tmp_path: Path) -> None:
     [chain] = c.world.walls[0].chains
     assert chain.min(axis=0) == approx([10, 10], abs=0.6)
     assert chain.max(axis=0) == approx([60, 40], abs=0.6)
-    rle = "{rle: {size: [4, 6], counts: [5, 2, 2, 2, 2, 2, 9]}}"
-    c = compiled(tmp_path, f"objects: {{}}\nboundaries: {{b: {{mask: {rle}}}}}", "size: [6, 4]")
-    [chain] = c.world.walls[0].chains
-    assert area(chain) == approx(6, abs=1)
 
 
 def test_a_mask_behind_an_object_has_no_hole_there(tmp_path: Path) -> None:

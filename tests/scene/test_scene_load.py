@@ -70,7 +70,7 @@ def test_everything_that_is_written() -> None:
     assert [len(piece.holes) for piece in ring.shape.rings] == [1, 0]
     assert ring.path == (scene.Waypoint(0, (20, 20), 0), scene.Waypoint(1, (30, 20), 45))
     assert (ring.motion, ring.roll) == (scene.Motion.SCRIPTED, "none")
-    assert (blob.shape, blob.mask) == (scene.Auto(), scene.MaskRle((384, 512), (100000, 50, 96558)))
+    assert (blob.shape, blob.mask) == (scene.Auto(), scene.MaskPolygon(((250, 160), (270, 160), (260, 180))))
     assert (blob.prompt, kite.prompt) == (scene.PointPrompt((260, 170)), None)
     assert kite.shape == scene.Polygon((scene.Ring(((200, 200), (230, 200), (215, 240))),))
     floor, frame, hill, mound = found.boundaries
@@ -79,7 +79,7 @@ def test_everything_that_is_written() -> None:
     assert hill == scene.Boundary(
         "hill", (), scene.MaskPolygon(((300, 383), (400, 300), (500, 383))), 0.7, 0.4
     )
-    assert mound == scene.Boundary("mound", (), scene.MaskRle((384, 512), (190000, 50, 6558)), 0.5, 0.2)
+    assert mound == scene.Boundary("mound", (), scene.MaskPolygon(((10, 383), (60, 383), (35, 340))), 0.5, 0.2)
     assert found.forces == (
         scene.Force("ball", scene.Load.IMPULSE, (-1e6, 0), 0, None, 0.5, None),
         scene.Force("crate", scene.Load.TORQUE, (0, 0), 2e6, None, 0.1, 0.2),

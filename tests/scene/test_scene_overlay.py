@@ -97,8 +97,6 @@ def test_another_kind_of_mask_and_motion_replace(scene: Path) -> None:
     assert named(load(path))["ball"].motion is model.Motion.STATIC
     found = load(path, ["objects.ball.motion={path: [[0, 1, 2], [1, 2, 3]]}", "objects.ball.shape=auto"])
     assert named(found)["ball"].path[1] == model.Waypoint(1, (2, 3), 0)
-    rle = "{rle: {size: [48, 64], counts: [3072]}}"
-    assert named(load(path, [f"objects.ball.mask={rle}"]))["ball"].mask == model.MaskRle((48, 64), (3072,))
 
 
 def test_null_takes_away(scene: Path) -> None:
