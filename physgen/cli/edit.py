@@ -1,4 +1,4 @@
-"""`edit`: a scene or a photo in the browser editor; `rename`, `merge`, `remove` and `layer` edit a file at once."""
+"""`edit`: a scene or a photo in the browser editor; `rename`, `merge` and `remove` edit a file at once."""
 
 from __future__ import annotations
 
@@ -83,7 +83,6 @@ def edit_file(options: argparse.Namespace) -> int:
     ops: dict[str, list[dict[str, Any]]] = {
         "rename": [{"rename": at, "to": getattr(options, "to", "")}],
         "remove": [{"remove": ["objects", name]} for name in dict.fromkeys(names)],
-        "layer": [{"set": [*at, "layer"], "value": getattr(options, "layer", 0)}],
     }
     try:
         merged = {"kind": "merge", "objects": names}
@@ -147,8 +146,6 @@ def _add_file_edit(extra: Sequence[str], parser: Parser) -> None:
     parser.add_argument("objects", metavar="NAME", nargs=count, help="an object")
     if "to" in extra:
         parser.add_argument("to", metavar="NEW", help="its new name")
-    if "layer" in extra:
-        parser.add_argument("layer", metavar="N", type=whole(-1_000_000, 1_000_000), help="larger is nearer")
     parser.flag("--allow-outside", "let the scene read files outside its folder")
 
 
@@ -158,7 +155,6 @@ FILE_EDITS = tuple(
         ("rename", "Renames an object, wherever the scene names it.", "ball-1 cue-ball", ["to"]),
         ("merge", "Makes one object of two, under the name of the first.", "mug-1 mug-2", []),
         ("remove", "Removes objects from a scene and from the picture.", "ball-2", []),
-        ("layer", "Sets the order in which an object is drawn.", "bowl 1", ["layer"]),
     )
 )
 EDIT = Command(

@@ -51,7 +51,6 @@ def test_commands_edit_the_file(tmp_path: Path, capsys, monkeypatch: pytest.Monk
     assert main(["rename", str(scene), first, "start"]) == 0
     assert scene.with_name("scene.yaml~").read_bytes() == before
     assert f"rename {first} to start; scene.yaml~ is as it was before" in capsys.readouterr().err
-    assert main(["layer", str(scene), second, "2"]) == 0
     assert main(["remove", str(scene), third]) == 0
     assert main(["merge", str(scene), "start", second]) == 0
     names = [item.name for item in pipeline.load(scene).objects]
