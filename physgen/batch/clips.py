@@ -106,7 +106,7 @@ def clip_folders(roots: Sequence[Path]) -> list[Path]:
 class Manifest:
     """What a manifest records of a run; see `report.record.RunRecord`."""
 
-    source: str | None  # none: an earlier physgen did not record it
+    source: str
     variant: str | None
     overrides: tuple[str, ...]
     versions: Mapping[str, str]
@@ -126,10 +126,9 @@ def read_manifest(folder: Path) -> Manifest:
             raise OSError
         data: Mapping[str, Any] = json.loads(path.read_bytes())
         refined = bool(data.get("refine"))
-        source = data.get("source") or None
         platform = data["platform"]
         return Manifest(
-            source=None if source is None else str(source),
+            source=str(data["source"]),
             variant=None if data["variant"] is None else str(data["variant"]),
             overrides=tuple(map(str, data["overrides"])),
             versions=_texts(data["versions"]),

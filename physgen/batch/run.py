@@ -170,13 +170,13 @@ def failed(job: Job, error: Exception, warnings: Sequence[Problem] = (), seconds
     if isinstance(error, InputError):
         problems: Sequence[Problem] = list(error.problems)
     else:
-        found, fix = _describe_failure(error)
+        found, fix = describe_failure(error)
         problems = list(InputError.of(job.scene, "", found, fix).problems)
     disk_full = isinstance(error, OSError) and error.errno in NO_ROOM
     return Done(job, None, (*warnings, *problems), seconds=seconds, disk_full=disk_full)
 
 
-def _describe_failure(error: Exception) -> tuple[str, str]:
+def describe_failure(error: Exception) -> tuple[str, str]:
     """What failed other than the input, and the fix."""
     if isinstance(error, OSError):
         where = f"{final_name(str(error.filename))}: " if error.filename else ""

@@ -15,7 +15,7 @@ import numpy as np
 
 from physgen import pipeline
 from physgen.batch.clips import Manifest, read_manifest
-from physgen.files import final_name
+from physgen.batch.run import describe_failure
 from physgen.pipeline.stages import Film, Keep, Stages
 from physgen.problems import InputError, Problem
 from physgen.report.record import RunRecord, file_hash, frame_hash, inputs, versions
@@ -136,12 +136,7 @@ def verify(request: VerifyRequest, progress: pipeline.Progress = pipeline.silent
 
 def failed(request: VerifyRequest, error: Exception) -> Verdict:
     """The verdict where the machine or physgen failed, not the scene."""
-    if isinstance(error, OSError):
-        where = f"{final_name(str(error.filename))}: " if error.filename else ""
-        reason = f"{where}{error.strerror or error}"
-    else:
-        reason = "ran out of memory" if isinstance(error, MemoryError) else f"{type(error).__name__}: {error}"
-    problems = InputError.of(str(request.folder), "", f"failed: {reason}", "").problems
+    problems = InputError.of(str(request.folder), "", *describe_failure(error)).problems
     return Verdict(str(request.folder), Outcome.UNKNOWN, problems=tuple(problems))
 
 
@@ -183,9 +178,6 @@ def _verify(request: VerifyRequest, progress: pipeline.Progress) -> Verdict:
 
 def _source(manifest: Manifest, folder: Path) -> Path:
     """The scene file that the manifest names. Raises InputError where it is not there."""
-    if manifest.source is None:
-        found = "does not say where its scene is: an earlier physgen wrote it"
-        raise InputError.of(str(folder / "manifest.json"), "", found, "name it with --scene FILE")
     path = Path(folder.resolve(), manifest.source)
     if not path.is_file():
         fix = "the clip or the scene was moved; name it with --scene FILE"

@@ -242,8 +242,8 @@ def test_where_the_scene_is(desk: Path, tmp_path: Path) -> None:
     assert verify(VerifyRequest(moved / "desk", desk / "scene.yaml")).outcome is Outcome.EQUAL
     rewrite(desk, lambda told: told.pop("source"))
     assert [str(p) for p in judged(desk).problems] == [
-        f"{desk / 'out' / 'desk' / 'manifest.json'}: does not say where its scene is: "
-        "an earlier physgen wrote it; name it with --scene FILE"
+        f"{desk / 'out' / 'desk' / 'manifest.json'}: is damaged: it is no manifest that can be read; "
+        "render the scene again"
     ]
 
 
