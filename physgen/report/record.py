@@ -178,19 +178,9 @@ def source_of(path: Path, folder: Path) -> str:
 
 
 def write_json(path: Path, data: object) -> None:
-    """Indented, UTF-8, under its final name when it is whole; arrays and paths among the data are written out."""
-    text = json.dumps(data, indent=1, ensure_ascii=False, default=_plain) + "\n"
+    """Indented, UTF-8, under its final name when it is whole."""
+    text = json.dumps(data, indent=1, ensure_ascii=False, default=str) + "\n"
     write_atomic(path, text.encode("utf-8", "backslashreplace"))  # the path of a folder need not be text
-
-
-def _plain(value: object) -> object:
-    if isinstance(value, np.generic):
-        return value.item()
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    if isinstance(value, Mapping):
-        return dict(value)
-    return str(value)
 
 
 def inputs(scene: Scene, path: Path, digest: Callable[[Path], str] = file_hash) -> dict[str, str]:

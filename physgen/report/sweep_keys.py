@@ -12,7 +12,7 @@ from physgen.problems import InputError
 from physgen.report.clips import Clip
 from physgen.scene.document import Source, plain
 from physgen.scene.overlay import edit_of_flag
-from physgen.scene.schema import expanded
+from physgen.scene.schema import expanded, inner
 from physgen.text import KeyPath, dotted
 
 Value = float | str
@@ -131,13 +131,8 @@ def shortest_names(paths: Sequence[str]) -> list[list[str]]:
 
 def unit(path: KeyPath) -> str:
     """Of the value at a path of a scene, by the schema; a name may be `*`."""
-    part, found = expanded(), ""
-    for n, key in enumerate(path):
-        inner = part.get("properties", {}).get(key) if isinstance(key, str) else part.get("items")
-        if inner is None and isinstance(key, int):
-            inner = dict(enumerate(part.get("prefixItems", []))).get(key)
-        inner = part.get("additionalProperties") if inner is None and n == 1 else inner
-        if not isinstance(inner, dict):
-            break
-        part, found = inner, str(inner.get("x-unit", found))
-    return found
+    part, found = inner(expanded(), path[0]), ""
+    for key in path[1:]:
+        found = str((part or {}).get("x-unit", found))
+        part = inner(part, key)
+    return str((part or {}).get("x-unit", found))
