@@ -6,12 +6,15 @@ No other module uses pymunk. Shapes have no elasticity: bounces are computed in 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from enum import Flag
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pymunk
 import pymunk.batch as batch
 from numpy.typing import NDArray
+from pymunk._chipmunk_cffi import ffi, lib
 from pymunk.batch import ArbiterFields, BodyFields
 
 from physgen.compile.world import Body, Joint, Wall, World
@@ -67,6 +70,8 @@ class Space:
         """(M,): bodies that the state lists, in order."""
         M = len(self.moving)
         self._states, self._contacts = batch.Buffer(), batch.Buffer()
+        self._read_states = _batched(space, "pmSpaceBodyGetIteratorFuncBatched", _STATE, self._states)
+        self._read_contacts = _batched(space, "pmSpaceArbiterIteratorFuncBatched", _CONTACT, self._contacts)
         # the batch functions go through the bodies that move in the order they were added, then the static ones
         still = [b.center for b in world.bodies if b.motion is Motion.STATIC] + [np.zeros(2)] * (
             len(walls) + 1
@@ -77,35 +82,41 @@ class Space:
         if M:
             self._place_buffer.set_float_buf(self._placing)
             self._push_buffer.set_float_buf(self._pushing)
-        self._brakes: dict[Pair, pymunk.SimpleMotor] = {}
+        writer = "pmSpaceBodySetIteratorFuncBatched"
+        self._write_states = _batched(space, writer, _STATE, self._place_buffer)
+        self._write_loads = _batched(space, writer, _LOAD, self._push_buffer)
+        self._brakes: dict[Pair, tuple[pymunk.SimpleMotor, Any]] = {}
         self._braking: Sequence[Pair] = ()
-        self._motors: list[pymunk.SimpleMotor] = []
+        self._motors: list[Any] = []
         """Of the pairs that brake now."""
+        self._sweeps = int(space.iterations)
         self._orders: dict[bytes, Order] = {}
         """By contacts as pymunk lists them: few lists come again and again."""
 
     @property
     def iterations(self) -> int:
         """Sweeps of the contact solver a step."""
-        return int(self._space.iterations)
+        return self._sweeps
 
     @iterations.setter
     def iterations(self, count: int) -> None:
-        self._space.iterations = count
+        if count != self._sweeps:
+            self._space.iterations = self._sweeps = count
 
     def step(self, h: float) -> tuple[bytes, Order, bytes]:
         """Move by the velocities, then find contacts and change the velocities; states, and contacts as listed."""
-        self._space.step(h)
-        self._states.clear()
-        self._contacts.clear()
-        batch.get_space_bodies(self._space, _STATE, self._states)
-        batch.get_space_arbiters(self._space, _CONTACT, self._contacts)
-        moved: bytes = self._states.float_buf()[: 48 * len(self.moving)]
-        listed: bytes = self._contacts.int_buf()[:]
-        if not listed:
+        # what pymunk does around these calls takes as long as a small step
+        lib.cpSpaceStep(self._read_states[0], h)
+        states, words, numbers = self._states._float_arr, self._contacts._int_arr, self._contacts._float_arr
+        states.num = words.num = numbers.num = 0
+        lib.cpSpaceEachBody(*self._read_states)
+        lib.cpSpaceEachCachedArbiter(*self._read_contacts)
+        moved: bytes = ffi.buffer(states.arr, 48 * len(self.moving))[:]
+        if not words.num:
             return moved, NO_CONTACTS, b""
+        listed = ffi.buffer(words.arr, 8 * words.num)[:]
         order = self._orders.get(listed) or self._order(listed)
-        return moved, order, self._contacts.float_buf()[:]
+        return moved, order, ffi.buffer(numbers.arr, 8 * numbers.num)[:]
 
     def _order(self, listed: bytes) -> Order:
         """Of contacts as pymunk lists them: by their bodies' ids, in the order of memory addresses."""
@@ -124,13 +135,15 @@ class Space:
         """Set positions and velocities, (M, 6)."""
         self._placing[: len(state)] = state
         if len(state):
-            batch.set_space_bodies(self._space, _STATE, self._place_buffer)
+            self._place_buffer._float_arr.num = 0  # as pymunk does: from the first number on
+            lib.cpSpaceEachBody(*self._write_states)
 
     def push(self, load: Array) -> None:
         """Forces and torques for the next step, (M, 3): g·px/s², g·px/s², g·px²/s²."""
         self._pushing[: len(load)] = load
         if len(load):
-            batch.set_space_bodies(self._space, _LOAD, self._push_buffer)
+            self._push_buffer._float_arr.num = 0
+            lib.cpSpaceEachBody(*self._write_loads)
 
     def brake(self, pairs: Sequence[Pair], torques: list[float]) -> None:
         """Let torques of at most so much resist the turning of one body against another or the world."""
@@ -141,16 +154,23 @@ class Space:
                     other = self._anchor if key[1] < 0 else self._bodies[key[1]]
                     motor = pymunk.SimpleMotor(self._bodies[key[0]], other, 0.0)
                     self._space.add(motor)
-                    self._brakes[key] = motor
-            self._motors = [self._brakes[key] for key in pairs]
+                    self._brakes[key] = motor, motor._constraint
+            self._motors = [self._brakes[key][1] for key in pairs]
             for motor in before:
-                motor.max_force = 0.0
+                lib.cpConstraintSetMaxForce(motor, 0.0)
         for motor, torque in zip(self._motors, torques, strict=True):
-            motor.max_force = torque
+            lib.cpConstraintSetMaxForce(motor, torque)
 
     def braked(self) -> list[float]:
         """Size of the angular impulse that each brake gave in the last step, g·px²/s."""
-        return [motor.impulse for motor in self._motors]
+        return [lib.cpConstraintGetImpulse(motor) for motor in self._motors]
+
+
+def _batched(space: pymunk.Space, name: str, fields: Flag, buffer: batch.Buffer) -> tuple[Any, Any, Any]:
+    """What `pymunk.batch` hands to Chipmunk to read or set some fields of all bodies, or of all contacts."""
+    request = ffi.new("pmBatchedData *")
+    request.fields, request.floatArray, request.intArray = fields.value, buffer._float_arr, buffer._int_arr
+    return space._space, ffi.addressof(lib, name), request
 
 
 def _add_body(space: pymunk.Space, model: Body) -> pymunk.Body:

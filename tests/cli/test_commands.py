@@ -285,7 +285,7 @@ def test_a_command_imports_only_what_it_uses() -> None:
     assert not modules(command("backends")) & heavy
     assert not modules(command("check", str(scenes / "billiards/scene.yaml"))) & {"pymunk", "av", "jinja2"}
     load = f"from physgen.scene.load import load\nload({str(scenes / 'physics/05-slide.yaml')!r})"
-    assert not modules(load) & {"PIL", "cv2"}, "without a photo"
+    assert not modules(load) & {"PIL", "jsonschema", "cv2"}, "without a photo"
 
 
 @pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM])
