@@ -74,9 +74,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="raw figures as JSON")
     add_backends(parser)
     options = parser.parse_args()
-    told = load_plan(
-        options.backend, profile=options.profile, config=options.config, device=options.device, dtype=options.dtype,
-    )  # fmt: skip
+    told = load_plan(options.backend, profile=options.profile, config=options.config)
     rows = measure(Backends(replace(told, keep=True)), options.names)
     if rows:
         mean = {key: float(np.mean([row[key] for row in rows])) for key in ("precision", "recall")}

@@ -285,34 +285,19 @@ Configuration = tuple[Mapping[str, str], Mapping[str, Choice], Mapping[str, Mapp
 
 
 def load_plan(
-    settings: Sequence[str] = (),
-    *,
-    profile: str | None = None,
-    config: Path | None = None,
-    device: str | None = None,
-    dtype: str | None = None,
+    settings: Sequence[str] = (), *, profile: str | None = None, config: Path | None = None
 ) -> Plan:
     """The plan from flags, then from `config` or the user's own file; `settings` are `ROLE=NAME[:WEIGHTS]`.
 
-    A `profile` stands in place of the file's choices. Raises InputError with everything wrong.
+    A `profile`, one of PROFILES, stands in place of the file's choices. Raises InputError with everything wrong.
     """
     home = os.environ.get("XDG_CONFIG_HOME")
     users = (Path(home) if home else Path.home() / ".config") / "physgen" / CONFIGURATION
     path = config or users
     found: Configuration = read_configuration(path) if config or path.is_file() else ({}, {}, {})
-    file_switches, file_choices, tables = found
-    given_flags = (("profile", profile), ("device", device), ("dtype", dtype))
-    flags = {key: value for key, value in given_flags if value is not None}
-    problems = list(_switch_problems(flags, {key: Place(f"--{key}") for key in flags}))
-    given: dict[str, Choice] = {}
-    try:
-        given = choices(settings)
-    except InputError as error:
-        problems += error.problems
-    if problems:
-        raise InputError(problems)
-    switches = {**file_switches, **flags}
-    named = PROFILES[switches.get("profile", "offline")]
+    switches, file_choices, tables = found
+    given = choices(settings)
+    named = PROFILES[profile or switches.get("profile", "offline")]
     chosen = {role: Choice(backend) for role, backend in named.items()}
     if profile is None:
         chosen |= file_choices
@@ -320,17 +305,17 @@ def load_plan(
     return Plan(chosen | given, device, dtype, options=tables)
 
 
-def _switch_problems(switches: Mapping[str, Any], places: Mapping[str, Place]) -> Iterator[Problem]:
+def _switch_problems(switches: Mapping[str, Any], place: Place) -> Iterator[Problem]:
     for key, value in switches.items():
         if not isinstance(value, str):
-            yield Problem(places[key], key, repr(value), "is not text", "write text")
+            yield Problem(place, key, repr(value), "is not text", "write text")
         elif key == "device" and not DEVICE.fullmatch(value):
             fix = "write auto, cpu, cuda, cuda:1 or mps"
-            yield Problem(places[key], "", f'"{value}"', "is no device", fix)
+            yield Problem(place, "", f'"{value}"', "is no device", fix)
         elif key == "dtype" and value not in DTYPES:
-            yield Problem(places[key], "", f'"{value}"', "is no number format", suggestion(value, DTYPES))
+            yield Problem(place, "", f'"{value}"', "is no number format", suggestion(value, DTYPES))
         elif key == "profile" and value not in PROFILES:
-            yield Problem(places[key], "", f'"{value}"', "is no profile", suggestion(value, PROFILES))
+            yield Problem(place, "", f'"{value}"', "is no profile", suggestion(value, PROFILES))
 
 
 def read_configuration(path: Path) -> Configuration:
@@ -346,7 +331,7 @@ def read_configuration(path: Path) -> Configuration:
         fix = "see docs/models.md for an example"
         raise InputError.of(str(path), "", f"is not TOML: {error}", fix) from None
     switches = {key: data.pop(key) for key in SWITCHES if key in data}
-    problems = list(_switch_problems(switches, dict.fromkeys(switches, place)))
+    problems = list(_switch_problems(switches, place))
     chosen: dict[str, Choice] = {}
     table = data.pop("backend", {})
     for role, value in table.items() if isinstance(table, dict) else [("", table)]:

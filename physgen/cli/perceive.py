@@ -122,13 +122,7 @@ def _plan(options: argparse.Namespace) -> Plan:
 
     if options.config is None and Path(CONFIGURATION).is_file():
         print_error(f"{CONFIGURATION}: the one in this folder is not read; --config {CONFIGURATION} reads it")
-    return load_plan(
-        options.backend,
-        profile=options.profile,
-        config=options.config,
-        device=options.device,
-        dtype=options.dtype,
-    )
+    return load_plan(options.backend, profile=options.profile, config=options.config)
 
 
 def _refuse_beside_refresh(options: argparse.Namespace) -> None:
@@ -218,14 +212,14 @@ def add_perceive(parser: Parser) -> None:
 
 
 def add_backends(parser: Parser) -> None:
-    """Flags that choose the backends, and where they run."""
+    """Flags that choose the backends."""
+    from physgen.registry import PROFILES
+
     about = "the backend of a step, and the hub id or path of its weights; see physgen backends"
     parser.option("--backend", "ROLE=NAME[:WEIGHTS]", str, about, [], action="append")
     about = "a set of backends: offline or models"
-    parser.option("--profile", "NAME", str, about)
+    parser.add_argument("--profile", metavar="NAME", choices=list(PROFILES), help=about)
     parser.option("--config", "FILE", Path, "read this in place of ~/.config/physgen/physgen.toml")
-    parser.option("--device", "DEVICE", str, "where models run: auto, cpu, cuda, cuda:1 or mps")
-    parser.option("--dtype", "TYPE", str, "their number type: auto, float32, float16 or bfloat16")
 
 
 def add_import(parser: Parser) -> None:

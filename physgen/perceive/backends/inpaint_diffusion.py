@@ -88,7 +88,7 @@ class Diffusion(ModelBackend):
         picture = np.asarray(found.images[0], np.float32)
         if not np.isfinite(picture).all():
             dtype = str(self._dtype).removeprefix("torch.")
-            raise InputError.of("--dtype", dtype, "paints no finite colours", "write --dtype float32")
+            raise InputError.of("physgen.toml", dtype, "paints no finite colours", 'write dtype = "float32"')
         return resize_picture(
             np.rint(np.clip(picture, 0, 1) * 255).astype(np.uint8), (rgb.shape[0], rgb.shape[1])
         )

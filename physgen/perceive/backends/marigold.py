@@ -86,7 +86,10 @@ class _Marigold(ModelBackend):
         if not np.isfinite(found).all():
             dtype = str(self._dtype).removeprefix("torch.")
             raise InputError.of(
-                "--dtype", dtype, f"leaves no finite {self.role} on {self._device}", "write --dtype float32"
+                "physgen.toml",
+                dtype,
+                f"leaves no finite {self.role} on {self._device}",
+                'write dtype = "float32"',
             )
         return np.asarray(found, np.float32), small
 

@@ -64,7 +64,7 @@ def device_of(setup: Setup) -> str:
     here = count.get(kind, 0) > (int(number) if number.isdigit() else 0) and (number.isdigit() or not number)
     if name != "auto" and not here:
         fault = f"is not here: torch {torch.__version__} finds none" if kind in count else "is no device"
-        raise InputError.of("--device", f'"{name}"', fault, f"choose auto or {best}")
+        raise InputError.of("physgen.toml", f'device "{name}"', fault, f"choose auto or {best}")
     return best if name == "auto" else name
 
 
