@@ -24,10 +24,10 @@ from physgen.pipeline.cache_keys import key, motion_key
 from physgen.pipeline.stages import Keep, Recent, Stages, lint, stage
 from physgen.problems import InputError, Problem, impossible
 from physgen.render.stage import Stage
-from physgen.report.player import fields, figure, joints, plate, pushes, shadows, sprites, touches, walls
+from physgen.report.player import figure, fixed_data, plate, shadows, sprites, touches
 from physgen.scene.load import Opened
 from physgen.scene.provenance import Provenance, source
-from physgen.scene.scene import Scene, Solid, View
+from physgen.scene.scene import Scene, Solid
 from physgen.simulate.engine import Running
 from physgen.simulate.trajectory import Trajectory
 
@@ -252,20 +252,10 @@ class MotionStream:
         scene, world = self.scene, self.world
         for k, body in enumerate(world.bodies):
             found["bodies"][k] |= figure(scene, k, body)
-        found |= {
+        found |= fixed_data(scene, world) | {
             "times": packed(self._running.times),
             "frames": self._frames.tolist(),
-            "name": scene.name,
-            "size": list(world.size),
-            "scale": world.pixels_per_meter if "world.pixels_per_meter" in scene.places else None,
-            "gravity": world.gravity.tolist(),
-            "top": world.view is View.TOP,
-            "clip": {"fps": scene.render.fps, "order": scene.render.play.value},
             "camera": None,
-            "walls": walls(world),
-            "pushes": pushes(world),
-            "joints": joints(world),
-            "fields": fields(world),
         }
 
 

@@ -277,28 +277,35 @@ def player_data(
         "spin": spin / LIMITS.codes or 1.0,
     }
     return {
+        **fixed_data(scene, world),
+        "steps": steps,
+        "times": column(seen.times, LIMITS.instant),
+        "frames": np.searchsorted(seen.times, trajectory.times - LIMITS.instant / 2).tolist(),
+        "camera": _camera(shot),
+        "bodies": [_body(scene, k, body, seen, steps) for k, body in enumerate(world.bodies)],
+        "energy": _energy(seen),
+        "touches": touches(seen),
+        "impacts": [_impact(impact) for impact in struck],
+        "arrows": asdict(scales(world, seen, kinds, [impact.impulse for impact in struck])),
+        "background": plate(stage, moving),
+        "sprites": sprites(stage),
+        "shadows": shadows(stage, trajectory, moving),
+    }
+
+
+def fixed_data(scene: Scene, world: World) -> Data:
+    """What does not change with time."""
+    return {
         "name": scene.name,
         "size": list(world.size),
         "scale": world.pixels_per_meter if "world.pixels_per_meter" in scene.places else None,
         "gravity": world.gravity.tolist(),
         "top": world.view is View.TOP,
-        "steps": steps,
-        "times": column(seen.times, LIMITS.instant),
-        "frames": np.searchsorted(seen.times, trajectory.times - LIMITS.instant / 2).tolist(),
         "clip": {"fps": scene.render.fps, "order": scene.render.play.value},
-        "camera": _camera(shot),
-        "bodies": [_body(scene, k, body, seen, steps) for k, body in enumerate(world.bodies)],
-        "walls": walls(world),
-        "energy": _energy(seen),
-        "touches": touches(seen),
-        "impacts": [_impact(impact) for impact in struck],
-        "pushes": pushes(world),
-        "joints": joints(world),
-        "fields": fields(world),
-        "arrows": asdict(scales(world, seen, kinds, [impact.impulse for impact in struck])),
-        "background": plate(stage, moving),
-        "sprites": sprites(stage),
-        "shadows": shadows(stage, trajectory, moving),
+        "walls": _walls(world),
+        "pushes": _pushes(world),
+        "joints": _joints(world),
+        "fields": _fields(world),
     }
 
 
@@ -405,12 +412,12 @@ def _impact(impact: Impact) -> list[float | int]:
     return [round(impact.time, 6), round(x, 2), round(y, 2), _short(impact.impulse), *impact.pair]
 
 
-def walls(world: World) -> list[Data]:
+def _walls(world: World) -> list[Data]:
     """Boundaries as chains of points."""
     return [{"name": wall.name, "chains": [_rounded(chain) for chain in wall.chains]} for wall in world.walls]
 
 
-def pushes(world: World) -> list[Data]:
+def _pushes(world: World) -> list[Data]:
     """Forces, impulses and torques of the scene while they act."""
     return [
         {
@@ -427,7 +434,7 @@ def pushes(world: World) -> list[Data]:
     ]
 
 
-def joints(world: World) -> list[Data]:
+def _joints(world: World) -> list[Data]:
     """Ends in the frames of the two bodies; of the photo where the second is the world."""
     return [
         {
@@ -441,7 +448,7 @@ def joints(world: World) -> list[Data]:
     ]
 
 
-def fields(world: World) -> list[Data]:
+def _fields(world: World) -> list[Data]:
     """Wind and attractors."""
     return [
         {
