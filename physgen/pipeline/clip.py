@@ -519,17 +519,16 @@ def _manifest(folder: Path) -> dict[str, Any]:
 
 
 def _kept(folder: Path, what: str) -> Problem:
-    fix = "once that is mended, frames come from the cache: nothing is simulated twice"
+    fix = "mend that, then run the same command again"
     return Problem(Place(str(folder)), "", "", what, fix, Severity.WARNING)
 
 
 def write_manifest(record: RunRecord, folder: Path) -> None:
-    """Write the record, with the hashes and sizes of all files in the folder, and its times apart."""
+    """Write the record, with the hashes of all files in the folder, and its times apart."""
     from physgen.report.record import TIMING, file_hash, write_json
 
     for file in sorted(p for p in folder.rglob("*") if p.is_file() and p != folder / TIMING):
-        name = file.relative_to(folder).as_posix()
-        record.files[name], record.sizes[name] = file_hash(file), file.stat().st_size
+        record.files[file.relative_to(folder).as_posix()] = file_hash(file)
     write_json(folder / TIMING, record.timing())
     write_json(folder / "manifest.json", record.manifest())
 

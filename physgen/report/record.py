@@ -59,8 +59,6 @@ class RunRecord:
     frames: list[str] = field(default_factory=list)  # SHA-256 of each frame's RGB bytes
     video: dict[str, Any] = field(default_factory=dict)  # `size`: width and height, px; `fps`: 1/s
     files: dict[str, str] = field(default_factory=dict)  # output file -> SHA-256
-    sizes: dict[str, int] = field(default_factory=dict)
-    """Output file -> bytes: what can be asked of a distant file without reading it."""
     warnings: list[dict[str, object]] = field(default_factory=list)
     document: Mapping[str, Any] = field(default_factory=dict)  # the resolved scene
     effort: dict[str, float] = field(default_factory=dict)
@@ -107,7 +105,6 @@ class RunRecord:
             "warnings": self.warnings,
             "video": self.video,
             "files": self.files,
-            "sizes": self.sizes,
             "samples": self.samples,
             "frames": self.frames,
             "unrefined": self.unrefined,
