@@ -48,19 +48,18 @@ class PerceiveOptions:
 def perceive(
     image: Path,
     output: Path | None = None,
-    options: PerceiveOptions | None = None,
     *,
     crew: Backends | None = None,
     progress: Progress = silent,
     warn: Warn = ignore_warning,
     keep: Keep = lambda kept: None,
     inform: Callable[[str], None] = lambda line: None,
-    **changes: Any,
+    **given: Any,
 ) -> str:
     """Photo -> the scene's text; assets, and the scene where `output` is given, are written. Raises InputError.
 
     Objects come from `masks`, `boxes` and `points`, or else from the segment backend. `crew` fills the roles,
-    the offline backends unless given. `changes` are fields of PerceiveOptions. `inform` is called with a summary:
+    the offline backends unless given. `given` are fields of PerceiveOptions. `inform` is called with a summary:
     some lines, the first of which has the photo's suitability.
     """
     from physgen.maps import read_labels
@@ -71,7 +70,7 @@ def perceive(
     from physgen.photos import read_photo
     from physgen.registry import Backends
 
-    options = replace(options or PerceiveOptions(), **changes)
+    options = PerceiveOptions(**given)
     masks, boxes, points = options.masks, options.boxes, options.points
     crew = crew or Backends()
     crew.begin()
@@ -250,14 +249,13 @@ def import_physgen(
 def refresh(
     path: Path,
     output: Path,
-    options: PerceiveOptions | None = None,
     *,
     crew: Backends | None = None,
     progress: Progress = silent,
     warn: Warn = ignore_warning,
     keep: Keep = lambda kept: None,
     inform: Callable[[str], None] = lambda line: None,
-    **changes: Any,
+    **given: Any,
 ) -> str:
     """A scene's photo perceived again -> the new scene's text; writes as `perceive` does. Raises InputError.
 
@@ -278,7 +276,7 @@ def refresh(
     from physgen.scene.load import Opened
     from physgen.scene.provenance import follows_scale
 
-    options = replace(options or PerceiveOptions(), **changes)
+    options = PerceiveOptions(**given)
     crew = crew or Backends()
     crew.begin()
     opened = Opened(path, options.allow_outside)
