@@ -26,7 +26,7 @@ from physgen.report.films import poster
 from physgen.report.folders import remove_leftovers
 from physgen.report.html import script_json, template
 from physgen.report.sweep_keys import SweptKey, swept_keys
-from physgen.text import natural, rounded, value_text
+from physgen.text import counted, natural, rounded, value_text
 
 KINDS = {".mp4": "video/mp4", ".webp": "image/webp", ".gif": "image/gif"}
 """Films that a page can play."""
@@ -196,7 +196,7 @@ def _card(
         "ratio": round(clip.size[0] / clip.size[1], 3),
         "moves": data["kind"] == "video/mp4" and bool(shot) and not clip.problems,
         "warnings": clip.warnings,
-        "settings": _counted(len(changes), "change"),
+        "settings": counted(len(changes), "change") if changes else "",
         "notes": "\n".join(f"--set {text}" for text in changes),
         "problems": clip.problems,
     }
@@ -205,7 +205,7 @@ def _card(
 def _sentence(clips: Sequence[Clip], swept: Sequence[SweptKey]) -> str:
     """What the page shows, and how to look at it."""
     failed = sum(bool(clip.problems) for clip in clips)
-    count, lost = _counted(len(clips), "clip"), ""
+    count, lost = counted(len(clips), "clip"), ""
     if failed:
         count = f"{len(clips) - failed:,} of {count}"
         lost = f"; {failed:,} failed, as {'its card says' if failed == 1 else 'their cards say'}"
@@ -217,8 +217,8 @@ def _sentence(clips: Sequence[Clip], swept: Sequence[SweptKey]) -> str:
                 f"{key.name} {' to '.join(dict.fromkeys((texts[0], texts[-1])))} {key.unit}".strip()
             )
         return f"{count} of one scene, simulated with {', '.join(ranges)}{lost}."
-    photos = _counted(len({clip.photo for clip in clips} - {""}), "photo")
-    source = f" from {photos}" if photos else ""
+    photos = {clip.photo for clip in clips} - {""}
+    source = f" from {counted(len(photos), 'photo')}" if photos else ""
     return f"{count}, simulated{source}{lost}. Point at a card or tap it to play; open it for its report."
 
 
@@ -232,15 +232,11 @@ def _facts(clip: Clip) -> str:
         return "no clip"
     wide, high = clip.size
     parts = (
-        _counted(clip.objects, "object") or "no objects",
+        counted(clip.objects, "object") if clip.objects else "no objects",
         f"{rounded(clip.duration)} s",
         f"{wide} × {high}",
     )
     return " · ".join(part.replace(" ", "\u00a0") for part in parts)
-
-
-def _counted(count: int, what: str) -> str:
-    return f"{count:,} {what}{'s' if count != 1 else ''}" if count else ""
 
 
 def link(path: Path, home: Path) -> str:
@@ -303,8 +299,8 @@ def _filter(key: SweptKey) -> dict[str, Any]:
     if key.numeric and len(values) > LIMITS.most_choices:
         ends = [value_text(values[0]), value_text(values[-1])]
         return found | {"range": ends, "last": len(values) - 1}
-    counted = Counter(map(value_text, have))
-    return found | {"values": [(text, counted[text]) for text in dict.fromkeys(map(value_text, values))]}
+    often = Counter(map(value_text, have))
+    return found | {"values": [(text, often[text]) for text in dict.fromkeys(map(value_text, values))]}
 
 
 def _aspect(clips: Sequence[Clip]) -> str:

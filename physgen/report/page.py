@@ -200,15 +200,6 @@ def _played(render: Render) -> str:
     return ", ".join(filter(None, parts))
 
 
-@dataclass(frozen=True)
-class SourceText:
-    """A text with a button to copy it."""
-
-    title: str
-    text: str
-    lines: int
-
-
 def provenance(record: RunRecord, resolved: str, written: str | None = None) -> dict[str, Any]:
     """Everything needed to reproduce a run, for `provenance.html.j2`.
 
@@ -235,8 +226,9 @@ def provenance(record: RunRecord, resolved: str, written: str | None = None) -> 
     }
 
 
-def _source_text(title: str, text: str) -> SourceText:
-    return SourceText(title, text, text.count("\n") + (not text.endswith("\n")))
+def _source_text(title: str, text: str) -> dict[str, Any]:
+    """A text with a button to copy it."""
+    return {"title": title, "text": text, "lines": text.count("\n") + (not text.endswith("\n"))}
 
 
 def _refinement(note: Mapping[str, Any] | None) -> dict[str, Any] | None:
