@@ -54,7 +54,7 @@ MOST_PARTS = 1024
 """Of a step that springs or attractors divide."""
 ATTEMPTS = 8
 """Times that a step is taken again because impacts changed what it does."""
-GLIDE = 8
+LOOK = 8
 """Steps after which speeds are looked at again."""
 
 
@@ -199,10 +199,10 @@ class Running:
         h = end - begin
         parts = self._stiff
         if not self._reach.watchful and (
-            self._stepper.stirred or self._restless or self._stepper.steps % GLIDE == 0
+            self._stepper.stirred or self._restless or self._stepper.steps % LOOK == 0
         ):
             self._stepper.stirred = False
-            self._reach.look(self._ahead(end, h), h * GLIDE, self._gravity, h)
+            self._reach.look(self._ahead(end, h), h * LOOK, self._gravity, h)
         if self._reach.watchful:
             parts = max(parts, self._reach.parts(self._ahead(end, h), h))
         if self._loads.steers:
