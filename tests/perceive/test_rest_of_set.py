@@ -46,6 +46,18 @@ def test_part_of_a_ball_between_six_others_becomes_the_ball() -> None:
     assert (found.labels == 1 + int(np.flatnonzero(found.confidence == 0.6)[0])).sum() == 1200
 
 
+def test_the_band_of_a_ball_in_the_open_becomes_the_ball() -> None:
+    rows, columns = np.mgrid[:180, :320]
+    discs = [np.hypot(columns - 30 - 2.5 * R * k, rows - 90) < R for k in range(6)]
+    labels = (np.array(discs) * np.arange(1, 7)[:, None, None]).max(0).astype(np.uint16)
+    labels[discs[3] & (np.abs(rows - 90) > 11)] = 0
+    labels[140:146, 150:160] = 7  # a small block stays
+    found = with_rest_of_set(Segments(labels, np.array([1, 1, 1, 0.5, 1, 1, 0.6]), []))
+    ball = found.labels == 1 + int(np.flatnonzero(found.confidence == 0.5)[0])
+    assert (ball & discs[3]).sum() > 0.95 * (ball | discs[3]).sum()
+    assert (found.labels == 1 + int(np.flatnonzero(found.confidence == 0.6)[0])).sum() == 60
+
+
 def test_discs_of_many_sizes_are_no_set() -> None:
     various = rack([8, 10, 13, 16, 18, 19.5])
     assert with_rest_of_set(various) is various

@@ -95,8 +95,7 @@ def with_rest_of_set(objects: Segments) -> Segments:
     each = [round_radius(objects.labels == k) for k in range(1, len(objects.confidence) + 1)]
     radii = [one for one in each if one]
     radius = float(np.median(radii)) if radii else 0.0
-    least = LEARNED.room[0] * radius
-    uneven = [k for k, one in enumerate(each, 1) if one < least]
+    uneven = [k for k, one in enumerate(each, 1) if one < LEARNED.room[0] * radius]
     if len(radii) < LEARNED.set_size or np.median(np.abs(np.array(radii) - radius)) > LEARNED.equal * radius:
         return objects
     labels, sure, rest = objects.labels.copy(), list(objects.confidence), []
@@ -104,10 +103,16 @@ def with_rest_of_set(objects: Segments) -> Segments:
 
     def one_more(k: int, free: Mask, places: Sequence[Mask]) -> bool:
         """Whether a disc of the set fits about `free` (H, W) into one of `places`; it becomes object k."""
+        low, high = (part * radius for part in LEARNED.room)
         for place in places:
             padded = np.pad(place, 1).astype(np.uint8)
             depth = cv2.distanceTransform(padded, cv2.DIST_L2, 5)[1:-1, 1:-1] * free
-            if least <= depth.max() <= LEARNED.room[1] * radius:
+            # in the open, a part as wide as the ball, say its band, tells where that is
+            wide = (
+                k <= len(each)
+                and low <= cv2.minEnclosingCircle(np.argwhere(free).astype(np.int32))[1] <= high
+            )
+            if low <= depth.max() and (depth.max() <= high or wide):
                 y, x = _center_of_room(places[-1], free, radius)
                 disc = (np.hypot(columns - x, rows - y) <= radius) & places[-1]
                 if np.count_nonzero(free & disc) > LEARNED.inside * np.count_nonzero(free):
