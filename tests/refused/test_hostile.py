@@ -368,7 +368,7 @@ def test_a_picture_that_ends_early_is_named_by_line(
 
 def test_a_flag_of_two_lines_is_answered_in_one(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
-        main(["layer", "scene.yaml", "ball", "x\ny"])
+        main(["render", "scene.yaml", "--jobs", "x\ny"])
     (line,) = capsys.readouterr().err.splitlines()
     assert "x\\ny is not a whole number" in line
 
