@@ -34,7 +34,8 @@ class Table:
     def add(self, row: Mapping[str, Cell]) -> None:
         """Adds a row, by the names of columns; missing cells are empty."""
         with self._named_errors():
-            self._rows.writerow(_csv_text(row.get(name)) for name in self._names)
+            cells = map(row.get, self._names)  # floats are written to the last bit
+            self._rows.writerow(str(cell).lower() if isinstance(cell, bool) else cell for cell in cells)
             self._file.flush()
         self.count += 1
 
@@ -71,12 +72,3 @@ def _open_part(path: Path) -> TextIO:
         pass  # a file system without locks
     file.truncate(0)
     return file
-
-
-def _csv_text(value: Cell) -> str | int:
-    """Text that is read back exactly: floats to the last bit."""
-    if value is None:
-        return ""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    return repr(value) if isinstance(value, float) else value

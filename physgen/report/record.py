@@ -133,12 +133,7 @@ def _installed_version(name: str) -> str:
     for place in (place for place in sys.path if place.endswith("-packages")):
         for folder in Path(place).glob(f"{name.replace('-', '_')}-*.dist-info"):
             return folder.stem.partition("-")[2]
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return "unknown"
+    return "unknown"
 
 
 def peak_memory() -> int:
