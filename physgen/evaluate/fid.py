@@ -21,6 +21,7 @@ from physgen.evaluate.clip_frames import Rule, Source, one_shape
 from physgen.evaluate.measure import Findings, Progress, Section, Table
 from physgen.export.flow import coloured
 from physgen.problems import InputError, Place, Problem, Severity
+from physgen.text import counted
 from physgen.videos import U8
 
 F32 = NDArray[np.float32]
@@ -354,8 +355,7 @@ def _too_few(name: str, lengths: Sequence[int]) -> list[Problem]:
     if sum(length - 1 for length in lengths) >= 2:
         return []
     place = Place("--reference" if name == REFERENCE else name)
-    frames, clips = sum(lengths), len(lengths)
-    found = f"{frames} frame{'s' * (frames != 1)} in {clips} clip{'s' * (clips != 1)}"
+    found = f"{counted(sum(lengths), 'frame')} in {counted(len(lengths), 'clip')}"
     expected = "make fewer than two pictures of motion"
     return [Problem(place, "", found, expected, "name more clips, of two frames or more")]
 
@@ -450,9 +450,7 @@ def _counts(side: Side) -> dict[str, Any]:
     return {"clips": len(side.lengths), "frames": sum(side.lengths), "pairs": side.count(MOTION)}
 
 
-def _number(value: float | None) -> str:
-    if value is None:
-        return "-"
+def _number(value: float) -> str:
     tiny = abs(value) < CONSTANTS.rounding
     return "0" if tiny else f"{value:.4g}" if abs(value) < 1000 else f"{value:.0f}"
 
