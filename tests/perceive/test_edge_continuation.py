@@ -53,3 +53,27 @@ def test_a_hidden_corner_of_a_box_is_a_corner() -> None:
     photo = truth.copy()
     photo[hole] = [120, 60, 30]
     assert off(registry.make("inpaint")(photo, hole), truth, hole) < 3
+
+
+def test_the_end_of_a_shelf_before_a_white_wall_goes_on_behind_what_stands_there() -> None:
+    """It is seen above the ball alone: below is the board on which that lies."""
+    truth = np.full((SIZE, SIZE, 3), 240, np.uint8)
+    truth[10:130, 70:] = 25
+    truth[130:136, 40:] = 15
+    y, x = np.mgrid[:SIZE, :SIZE]
+    hole = np.hypot(x - 72, y - 107) < 24
+    photo = truth.copy()
+    photo[hole] = [180, 30, 30]
+    assert off(registry.make("inpaint")(photo, hole), truth, hole) < 12
+
+
+def test_marks_at_both_sides_of_a_hole_are_no_line() -> None:
+    truth = np.full((SIZE, SIZE, 3), [170, 160, 150], np.uint8)
+    y, x = np.mgrid[:SIZE, :SIZE]
+    hole = (abs(x - 80) < 30) & (abs(y - 80) < 30)
+    truth[78:82, 46:50] = truth[78:82, 111:115] = 30
+    truth = np.clip(truth + np.random.default_rng(3).normal(0, 6, (SIZE, SIZE, 1)), 0, 255).astype(np.uint8)
+    photo = truth.copy()
+    photo[hole] = [30, 60, 120]
+    filled = registry.make("inpaint")(photo, hole).astype(float)
+    assert filled[78:82, 60:100].mean() > 150

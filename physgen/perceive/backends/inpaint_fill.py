@@ -31,10 +31,11 @@ class _Limits:
     smooth: float = 3.0
     grain: float = 10.0  # px: standard deviation of the blur that separates grain from colour
     # level lines, as a shelf's edge: px along and beside them in which they are seen, levels by which they stand out,
-    # share of these by which their ends differ at most, and px beside their middle that are drawn
+    # shares of these by which their ends differ at most, and each along itself, and px beside their middle drawn
     line: tuple[int, int] = (4, 4)
     contrast: float = 25.0
     differ: float = 0.3
+    uneven: float = 0.5
     drawn: int = 2
 
 
@@ -71,15 +72,18 @@ def _carry_level_lines(filled: F32, photo: F32, hole: Mask) -> F32:
         for left, right in zip(borders[::2], borders[1::2], strict=True):
             if left < along or right > hole.shape[1] - along:
                 continue
-            one, other = (
-                seen[rows, left - along : left].mean(axis=1),
-                seen[rows, right : right + along].mean(axis=1),
-            )
+            ends = np.stack([seen[rows, left - along : left], seen[rows, right : right + along]])
+            one, other = ends.mean(axis=2)
             both = ~np.isnan(one + other).any(axis=1)
             if not both[beside] or both.sum() <= beside:
                 continue
             contrast, off = np.abs(one - one[beside])[both].max(), float(np.abs(one - other)[both].mean())
-            if contrast < LIMITS.contrast or off > LIMITS.differ * contrast:
+            uneven = np.abs(ends - ends.mean(axis=2, keepdims=True))[:, both].max()
+            if (
+                contrast < LIMITS.contrast
+                or off > LIMITS.differ * contrast
+                or uneven > LIMITS.uneven * contrast
+            ):
                 continue
             part = np.s_[y - thick : y + thick + 1, left:right]
             away = np.where(both[middle], off + 3 * np.abs(np.arange(-thick, thick + 1)), np.inf)[:, None]

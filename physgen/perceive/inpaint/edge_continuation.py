@@ -3,7 +3,7 @@
 Where an edge enters the hole, its direction and the colours on both its sides are measured. Two that would meet by a
 gentle bend, with the same colours, are one edge (the least bending energy of a cubic, as in Masnou and Morel 1998,
 Level lines based disocclusion). An unmatched edge goes straight on to a corner with another one, or to the first line
-that it meets.
+that it meets; one of high contrast, as a shelf's end before a white wall, goes through the hole.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ class _Matching:
     contrast: float = 22.0  # between the two sides (length of the difference) from which there is an edge
     coherence: float = 0.75  # of the structure tensor, from which an edge has a direction
     unmatched_contrast: float = 50.0  # the contrast from which an unmatched edge goes on
+    certain: float = 200.0  # the contrast from which it goes on to the hole's other side
     similar: float = 25.0  # by which the more similar side of an edge may differ from end to end
     max_doubt: float = 0.75  # that two ends belong to one edge: colours, turns that are no arc's, long bends
     bulge: float = 0.1  # bending from which an edge that only runs along the hole's border is not drawn
@@ -199,6 +200,15 @@ def _lines(ends: list[BorderEnd], piece: Mask) -> Iterator[BorderLine]:
             bent = np.concatenate([line_points(a.at, place), line_points(place, b.at)[1:]])
             _draw(drawn, bent)
             yield BorderLine(bent, a.profile, b.profile[::-1])
+    for end in sorted(
+        (one for one in alone if one.contrast > MATCHING.certain), key=lambda one: -one.contrast
+    ):
+        path, inside = straight_path(end.at, end.towards, piece)
+        path = path[: np.flatnonzero(np.append(True, inside))[-1]]
+        x, y = np.round(path).astype(int).T
+        if len(path) and not drawn[y, x].any():
+            _draw(drawn, path)
+            yield BorderLine(path, end.profile, end.profile)
 
 
 def _pairs(ends: list[BorderEnd], piece: Mask, drawn: Mask, joined: set[int]) -> Iterator[BorderLine]:
