@@ -130,7 +130,7 @@ def perceive(
         refilled = shadows.clean is not None and not shadows.faint
         cleaning = beside.submit(again, shadows.clean, background, coverage) if refilled else None
         labels, doubtful = document.with_doubtful(found.labels, found.doubtful)
-        kept = {i: name for i, name in names.before.items() if i not in names.renamed}
+        kept = {i: n for i, n in names.before.items() if i in found.object_names or i not in names.renamed}
         called = document.object_names(objects, kept)
         entries, comments = document.object_entries(
             found, objects, called, matter, boundaries, names.labels, names.sources, run.crew.name("physics")
