@@ -149,6 +149,9 @@ def perceive(
         }
         slow = slow_motion(side, per_meter)
         scene["render"] = ({"slow": slow} if slow > 1 else {}) | {"motion_blur": document.MOTION_BLUR}
+        if boundaries.view is View.SIDE and scene["light"]["direction"][1] > 0:
+            scene["render"]["relight"] = False
+            comments["render.relight"] = "the light seems to come from below, which it hardly does: unsure"
         if slow > 1:
             comments["render"] = "in slow motion: what moves in so small a place is over at once"
         comments |= document.scene_comments(found, objects, specks, boundaries)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from physgen.perceive.roles import PerceivedScene
     from physgen.registry import Backends
     from physgen.scene.load import Opened
+    from physgen.scene.scene import Scene
 
 Keep = Callable[[Path], None]
 """Called with the new name of every file that stood in the way and was renamed."""
@@ -206,18 +207,34 @@ def _pushed(perceived: PerceivedScene, only: Collection[str] = ()) -> PerceivedS
     return replace(perceived, document=document, comments=comments)
 
 
-def _pushed_again(
-    perceived: PerceivedScene, was: Mapping[str, Mapping[str, Any]], anew: bool
-) -> PerceivedScene:
-    """The scene with a push of an object that moves again and that `was` held, or, `anew`, of any object."""
-    now = perceived.document["objects"]
-    free = {name for name, item in was.items() if "motion" in item and "motion" not in now.get(name, item)}
-    if free or anew:
-        with suppress(InputError):
-            pushed = _pushed(perceived, () if anew else free)
+def _set_in_motion(
+    perceived: PerceivedScene, scene: Scene, was: Mapping[str, Mapping[str, Any]], still: bool
+) -> tuple[PerceivedScene, dict[str, Any]]:
+    """The `scene` that is refreshed, whose objects `was` held, with what has a new prompt at rest, and a push where
+    nothing moves and an object is let go or the view is another; and what moves as before, by name."""
+    from physgen.pipeline.pushes import perceived_pushes
+
+    objects = dict(perceived.document["objects"])
+    moving = {item.name: {"velocity": list(item.velocity)} for item in scene.objects if any(item.velocity)}
+    turned = not still and scene.record.world.get("view") not in (None, scene.world.view.value)
+    for name in perceived_pushes(scene) if turned else ():
+        objects[name] = objects[name] | {"velocity": [0, 0]}
+        del moving[name]
+    perceived = replace(perceived, document=perceived.document | {"objects": objects})
+    with suppress(InputError):
+        same = [
+            name for name, item in was.items() if item.get("prompt") == objects.get(name, item).get("prompt")
+        ]
+        perceived = _at_rest(perceived, same)
+        now = perceived.document["objects"]
+        free = {
+            name for name, item in was.items() if "motion" in item and "motion" not in now.get(name, item)
+        }
+        if (free or turned) and not (still or moving or scene.forces):
+            pushed = _pushed(perceived, () if turned else free)
             document = perceived.document | {"objects": pushed.document["objects"]}
-            return replace(perceived, document=document, comments=pushed.comments)
-    return perceived
+            perceived = replace(perceived, document=document, comments=pushed.comments)
+    return perceived, moving
 
 
 def _unused_choices(crew: Backends, options: PerceiveOptions) -> list[Problem]:
@@ -278,7 +295,6 @@ def refresh(
     from physgen.perceive.perceive import perceive as run
     from physgen.perceive.segment.prompts import Segmenter
     from physgen.photos import read_photo
-    from physgen.pipeline.pushes import perceived_pushes
     from physgen.pipeline.stages import percepts
     from physgen.registry import Backends
     from physgen.scene.load import load, raw_document
@@ -334,23 +350,12 @@ def refresh(
         depth = maps.depth if perceived.percepts.depth is None else perceived.percepts.depth
         kept_maps = replace(perceived.percepts, labels=marked, clean=clean, depth=depth)
         perceived = replace(perceived, percepts=kept_maps)
-    moving = {item.name: {"velocity": list(item.velocity)} for item in scene.objects if any(item.velocity)}
-    turned = not options.still and record.world.get("view") not in (None, scene.world.view.value)
-    for name in perceived_pushes(scene) if turned else ():
-        document["objects"][name] = document["objects"][name] | {"velocity": [0, 0]}
-        del moving[name]
     perceived = replace(perceived, document=document, comments=reasons)
-    entries = old["objects"].items()
-    with suppress(InputError):
-        now = document["objects"]
-        same = [name for name, was in entries if was.get("prompt") == now.get(name, was).get("prompt")]
-        perceived = _at_rest(perceived, same)
-    if not (options.still or moving or scene.forces):
-        perceived = _pushed_again(perceived, old["objects"], turned)
+    perceived, moving = _set_in_motion(perceived, scene, old["objects"], options.still)
     document, told = perceived.document, dict(seen["objects"])
     for name in told.keys() & document["objects"].keys():
-        merged = document["objects"][name] | moving.get(name, {})
-        told[name] = told[name] | {key: merged[key] for key in ("motion", "velocity") if key in merged}
+        own = document["objects"][name] | moving.get(name, {})
+        told[name] = told[name] | {key: own[key] for key in ("motion", "velocity") if key in own}
     all_of = {**seen, "objects": told, "doubtful": doubtful}
     summed = replace(perceived, document=all_of, comments={**every, **perceived.comments})
     text = None if "extends" in own else path.read_bytes().decode("utf-8-sig")
