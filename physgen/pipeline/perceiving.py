@@ -112,7 +112,7 @@ def perceive(
     progress("push", 0, 1)
     with suppress(InputError):  # it is reported when the scene is rendered
         perceived = _at_rest(perceived)
-        perceived = perceived if options.still else _pushed(perceived)
+        perceived = perceived if options.still or not perceived.document["objects"] else _pushed(perceived)
     text = write_scene(perceived, image if as_it_is else None, image.stem, output, options.assets, keep)
     inform(f"{image}: " + "\n".join(summary(perceived)))  # last: nobody may read it any more
     return text
@@ -174,6 +174,7 @@ def _pushed(perceived: PerceivedScene, only: Collection[str] = ()) -> PerceivedS
     from physgen.compile.shapes import shapes_of
     from physgen.geometry.scale import PLAYBACK
     from physgen.perceive.document import mask_confidence
+    from physgen.perceive.roles import Suitability
     from physgen.perceive.support.supports import SOURCE
     from physgen.pipeline.pushes import default_push
     from physgen.pipeline.stages import ended
@@ -187,7 +188,8 @@ def _pushed(perceived: PerceivedScene, only: Collection[str] = ()) -> PerceivedS
     unseen = [k for k, wall in document["boundaries"].items() if source(wall.get("from", "")).text == SOURCE]
     push = default_push(scene, shapes, sure, unseen)
     if push is None:
-        return perceived
+        doubts = () if perceived.suitability is None else perceived.suitability.reasons
+        return replace(perceived, suitability=Suitability((*doubts, "no push moves anything")))
     speeds = [meters(part / scene.world.pixels_per_meter) for part in push.velocity]
     item = document["objects"][push.name] | {"velocity": speeds}
     pushed = opened.scene([f"objects.{push.name}.velocity={json.dumps(speeds)}"])

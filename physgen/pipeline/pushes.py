@@ -36,7 +36,11 @@ class _Trial:
     beyond: float = 0.1  # weight of the room behind the last object ahead, where that one may fall
     ahead: float = 1.5  # weight of objects ahead, against that of a free way: something is struck
     unsure: float = 0.33  # confidence below which an object is not pushed, as one that is asked to be checked
-    tried: int = 3  # candidates that are simulated, at up to a second each
+    tried: int = (
+        3  # candidates that show something, after which no more are simulated, at up to a second each
+    )
+    most: int = 8  # candidates that are simulated
+    loaded: float = 0.5  # of the rank of what carries something, seen from the side: it is jammed
     enough: float = 0.85  # of the most that a candidate shows, that the first one needs to be taken
     samples: int = 16  # times at which positions are compared
     far: float = 0.25  # a displacement that counts in full
@@ -95,13 +99,15 @@ def default_push(
     for factor in TRIAL.harder[: 3 if above else 2]:
         speed = float(f"{ordinary * factor:.2g}")
         tried: list[tuple[float, Push]] = []
-        for item, way in ranked[: TRIAL.tried]:
+        for item, way in ranked[: TRIAL.most]:
             gentle = 1.0 if above else TRIAL.slender * slender[item.name]
             part = speed * min(max(gentle, TRIAL.gentlest), 1.0)
             velocity = (round(part * way[0]), round(part * way[1]))
             shown, way_gone = _shown(scene, shapes, item, velocity, unseen)
-            tried.append((shown, Push(item.name, velocity, _words(way))))
+            tried += [(shown, Push(item.name, velocity, _words(way)))] if shown else []
             farthest = max(farthest, way_gone)
+            if len(tried) == TRIAL.tried:
+                break
         now = max((shown for shown, _ in tried), default=0.0)
         more = now > TRIAL.worth * most
         if more:
@@ -118,9 +124,13 @@ def _ranked(
     found: list[tuple[float, int, Object, tuple[float, float]]] = []
     side = max(scene.size)
     corners = [np.concatenate(body.rings) + body.center for body in bodies]
+    ends = [(*points.min(axis=0), *points.max(axis=0)) for points in corners]
+    left, top, right, foot = np.array(ends).reshape(-1, 4).T
     for k, item in enumerate(scene.objects):
         if item.motion is not Motion.DYNAMIC or sure.get(item.name, 1.0) < TRIAL.unsure:
             continue
+        on = (np.abs(foot - top[k]) < 2 + 0.1 * (foot - top)[k]) & (left < right[k]) & (right > left[k])
+        load = TRIAL.loaded if scene.world.view is View.SIDE and on.any() else 1.0
         for way in _ways(scene, [body.center for body in bodies], k):
             frame = np.array([way, (-way[1], way[0])])
             low, high = (
@@ -134,7 +144,7 @@ def _ranked(
                 np.array([min(gaps), end - max(high[n, 0] for n in (k, *ahead))]) / (TRIAL.room * side), 0, 1
             )
             score = free + TRIAL.beyond * beyond + TRIAL.ahead * (1 - 0.5 ** len(ahead))
-            found.append((score * sure.get(item.name, 1.0), -len(found), item, way))
+            found.append((score * load * sure.get(item.name, 1.0), -len(found), item, way))
     return [(item, way) for _, _, item, way in sorted(found, key=lambda one: one[:2], reverse=True)]
 
 

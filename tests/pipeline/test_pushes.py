@@ -98,6 +98,24 @@ def test_nothing_is_pushed_against_a_wall_that_the_photo_does_not_show(tmp_path:
         assert push.velocity[0] * way > 0
 
 
+def test_of_a_pile_in_a_box_the_top_is_pushed(tmp_path: Path) -> None:
+    """Two rows of blocks fill the box, each with others ahead; the one that lies on them is free."""
+    path = tmp_path / "scene.yaml"
+    blocks = [(100 + 40 * k, y) for k in range(6) for y in (130, 170)] + [(200, 90)]
+    path.write_text(
+        "physgen: 1\nsize: [400, 200]\nworld: {pixels_per_meter: 800}\nobjects:\n"
+        + "".join(
+            f"  b{k}: {{shape: {{box: {{center: [{x}, {y}], size: [40, 40]}}}}}}\n"
+            for k, (x, y) in enumerate(blocks)
+        )
+        + "boundaries: {box: {polyline: [[80, 112], [80, 190], [320, 190], [320, 112]]}}\n"
+    )
+    scene = pipeline.load(path)
+    push = default_push(scene, shapes_of(scene, None), {})
+    assert push is not None
+    assert push.name == f"b{len(blocks) - 1}"
+
+
 @pytest.mark.parametrize(
     ("text", "found"), [("domino-0", "lacks a direction"), ("domino-0=sideways", "is no direction")]
 )
