@@ -224,14 +224,10 @@ def _set_in_motion(
         del moving[name]
     perceived = replace(perceived, document=perceived.document | {"objects": objects})
     with suppress(InputError):
-        same = [
-            name for name, item in was.items() if item.get("prompt") == objects.get(name, item).get("prompt")
-        ]
+        same = [k for k, item in was.items() if item.get("prompt") == objects.get(k, item).get("prompt")]
         perceived = _at_rest(perceived, same)
         now = perceived.document["objects"]
-        free = {
-            name for name, item in was.items() if "motion" in item and "motion" not in now.get(name, item)
-        }
+        free = {k for k, item in was.items() if "motion" in item and "motion" not in now.get(k, item)}
         if (free or turned) and not (still or moving or scene.forces):
             pushed = _pushed(perceived, () if turned else free)
             document = perceived.document | {"objects": pushed.document["objects"]}

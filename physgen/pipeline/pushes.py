@@ -36,10 +36,8 @@ class _Trial:
     beyond: float = 0.1  # weight of the room behind the last object ahead, where that one may fall
     ahead: float = 1.5  # weight of objects ahead, against that of a free way: something is struck
     unsure: float = 0.33  # confidence below which an object is not pushed, as one that is asked to be checked
-    tried: int = (
-        3  # candidates that show something, after which no more are simulated, at up to a second each
-    )
-    most: int = 8  # candidates that are simulated
+    tried: int = 3  # candidates that show something, after which no more are simulated
+    most: int = 8  # candidates that are simulated, at up to a second each
     loaded: float = 0.5  # of the rank of what carries something, seen from the side: it is jammed
     enough: float = 0.85  # of the most that a candidate shows, that the first one needs to be taken
     samples: int = 16  # times at which positions are compared
@@ -183,19 +181,17 @@ def _shown(
     if away.max(initial=0.0) < TRIAL.least or fastest > TRIAL.wild * (hypot(*velocity) + fall):
         return 0.0, 0.0
     shown = float(np.minimum(away / TRIAL.far, 1.0).sum() + inside.mean())
-    back = (
-        -gone.min() > gone.max()
-        or _taken(motion, k, np.array(velocity), unseen) > TRIAL.thrown * compiled.world.bodies[k].mass
-    )
+    taken = _taken(motion, k, np.array(velocity), unseen) / compiled.world.bodies[k].mass
+    back = -gone.min() > gone.max() or taken > TRIAL.thrown
     return shown * (TRIAL.back if back else 1.0), float(away.max())
 
 
 def _taken(motion: Trajectory, k: int, velocity: Array, unseen: Collection[str]) -> float:
     """The mass, g, whose momentum at this velocity the walls `unseen` take from an object; friction counts for none."""
-    (_, first, second), names = motion.contacts.impulse_rows.T, np.array(motion.contacts.surfaces)
-    hit = motion.contacts.impulses[
-        (first == k) & (second >= len(motion.names)) & np.isin(names[second], list(unseen))
-    ]
+    _, first, second = motion.contacts.impulse_rows.T
+    walls = np.isin(motion.contacts.surfaces, list(unseen))
+    walls[: len(motion.names)] = False  # objects
+    hit = motion.contacts.impulses[(first == k) & walls[second]]
     back, aside = -hit @ velocity, np.abs(cross(velocity, hit))
     return float((back * (back > aside)).sum() / (velocity @ velocity))
 
