@@ -26,8 +26,9 @@ def perceive(options: argparse.Namespace) -> int:
 
     if options.refresh is None and len(options.image) > 1:
         return _perceive_many(options)
-    if options.image and options.output is not None and not options.output.suffix:  # a folder
-        options.output /= f"{options.image[0].stem}.yaml"
+    out = options.output
+    if options.image and out and (out.is_dir() or not (out.suffix or out.exists() or out.name == "-")):
+        options.output = out / f"{options.image[0].stem}.yaml"
     bar, boxes, output = Bar(), len(options.box), options.output or options.refresh
     checks: list[Callable[[], Any]] = [
         partial(crew_of, options),

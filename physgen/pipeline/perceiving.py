@@ -154,7 +154,7 @@ def _at_rest(perceived: PerceivedScene, kept: Collection[str] = ()) -> Perceived
     while scene.world.view is View.SIDE:
         poses = simulate(compile_shapes(scene, shapes).world, np.linspace(0, 2, 81)).poses[..., :2]
         away = np.hypot(*np.moveaxis(poses - poses[:1], -1, 0)) > 1
-        away &= [item.name not in kept for item in scene.objects]
+        away &= np.array([item.name not in kept for item in scene.objects], bool)
         if not away.any():
             break
         goes = away[int(away.any(axis=1).argmax())]
