@@ -96,20 +96,20 @@ def default_push(
     above = scene.world.view is View.TOP
     for factor in TRIAL.harder[: 3 if above else 2]:
         speed = float(f"{ordinary * factor:.2g}")
-        tried: list[tuple[float, Push]] = []
+        tried: list[tuple[float, float, Push]] = []
         for item, way in ranked[: TRIAL.most]:
             gentle = 1.0 if above else TRIAL.slender * slender[item.name]
             part = speed * min(max(gentle, TRIAL.gentlest), 1.0)
             velocity = (round(part * way[0]), round(part * way[1]))
-            shown, way_gone = _shown(scene, shapes, item, velocity, unseen)
-            tried += [(shown, Push(item.name, velocity, _words(way)))] if shown else []
-            farthest = max(farthest, way_gone)
+            shown, far = _shown(scene, shapes, item, velocity, unseen)
+            tried += [(shown, far, Push(item.name, velocity, _words(way)))] if shown else []
             if len(tried) == TRIAL.tried:
                 break
-        now = max((shown for shown, _ in tried), default=0.0)
+        now = max((shown for shown, *_ in tried), default=0.0)
         more = now > TRIAL.worth * most
         if more:
-            best, most = next(push for shown, push in tried if shown >= TRIAL.enough * now), now
+            _, farthest, best = next(one for one in tried if one[0] >= TRIAL.enough * now)
+            most = now
         if (farthest >= TRIAL.far or most >= TRIAL.many) and not (more and above):
             break
     return best
