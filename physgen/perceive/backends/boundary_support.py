@@ -152,12 +152,16 @@ def _floors(
         sloped, is_ground = abs(line.slope) > STEEP, group is ground
         deep = solid(line, group) if solid else None
         source = "lowest points" if deep is None else "depth and lowest points"
-        ends = deep or photo.reach(line, group, is_ground)
-        if ends is None:
-            boxes, source = np.array([bounds(f.item.outline) for f in group]), SOURCE
-            ends = float(boxes[:, 0].min()), float(boxes[:, 2].max())
+        boxes = np.array([bounds(f.item.outline) for f in group])
+        own = float(boxes[:, 0].min()), float(boxes[:, 2].max())
+        seen = deep or photo.reach(line, group, is_ground)
+        source = source if seen else SOURCE
         others = [t.outline for t in objects if all(t is not f.item for f in group)]
-        for part in free_parts(floor_points(line, group, ends), others):
+        chain = floor_points(line, group, seen or own)
+        near = floor_points(line, group, (2 * own[0] - own[1], 2 * own[1] - own[0]))
+        if len(group) == 1 and not is_ground and free_parts(near, others) != [near]:
+            chain = floor_points(line, group, own)  # what is beside it does not strike the ledge's end
+        for part in free_parts(chain, others):
             on = [f for f in group if part[0][0] <= f.right[0] and part[-1][0] >= f.left[0]]
             if not on:
                 continue
