@@ -536,6 +536,7 @@ def _rewritten(
         was = wrote.get("from", {})
         theirs = {key for key in ("label", "mass", "friction") if key in was and key not in now}
         stale += [f"objects.{name}.{key}" for key in theirs | perceived.wrote.get(name, {}).keys()]
+        stale += [] if any(item.get("velocity", ())) else [f"objects.{name}.velocity"]
         if was.get("mask") == now.get("mask") and wrote.get("label") == item.get("label"):
             same += [key for part in ("mask", "mass") if (key := f"objects.{name}.{part}") not in fresh]
         else:
