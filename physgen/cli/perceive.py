@@ -24,9 +24,11 @@ LEAST_SIDE = 64
 def perceive(options: argparse.Namespace) -> int:
     from physgen import pipeline
 
-    folder = options.output is not None and options.output.is_dir()
-    if options.refresh is None and (len(options.image) > 1 or (options.image and folder)):
+    if options.refresh is None and len(options.image) > 1:
         return _perceive_many(options)
+    out = options.output
+    if options.image and out and (out.is_dir() or not (out.suffix or out.exists() or out.name == "-")):
+        options.output = out / f"{options.image[0].stem}.yaml"
     bar, boxes, output = Bar(), len(options.box), options.output or options.refresh
     checks: list[Callable[[], Any]] = [
         partial(crew_of, options),
@@ -186,7 +188,7 @@ def list_backends(options: argparse.Namespace) -> int:
 
 
 def add_perceive(parser: Parser) -> None:
-    about = "the photo; several photos go into the folder of -o"
+    about = "the photo; several photos go into the folder of -o, and one where that has no suffix"
     parser.add_argument("image", metavar="IMAGE", type=Path, nargs="*", help=about)
     about = (
         "perceive a scene's photo again, in place unless -o names another file: values in the scene are kept, its "

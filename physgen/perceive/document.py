@@ -112,21 +112,29 @@ def relabel_objects(
 
     Raises InputError with every wrong NAME of `renames`, each NAME=TEXT.
     """
+    labels, problems = renamed_labels(renames, called)
+    if problems:
+        raise InputError(problems)
+    return [replace(t, label=labels[t.id]) if t.id in labels else t for t in objects], set(labels)
+
+
+def renamed_labels(renames: Sequence[str], called: Mapping[int, str]) -> tuple[dict[int, str], list[Problem]]:
+    """The new label of each object that one of `renames` names, by id, a name before a pattern; and what is wrong."""
     labels: dict[int, str] = {}
+    exact: dict[int, str] = {}
     problems = []
     for rename in renames:
         name, sign, text = (part.strip() for part in rename.partition("="))
-        hits = [i for i, n in called.items() if fnmatch.fnmatchcase(n, name) or str(i) == name]
+        own = [i for i, n in called.items() if name in (n, str(i))]
+        hits = own or [i for i, n in called.items() if fnmatch.fnmatchcase(n, name)]
         if not (sign and text and hits):
             near = difflib.get_close_matches(name, called.values(), 1)
             known = ", ".join(list(called.values())[:8]) + (", ..." if len(called) > 8 else "")
             fix = f"did you mean {near[0]}?" if near and near[0] != name else f"the objects are {known}"
             expected = "names no object" if sign and text else "is not NAME=TEXT"
             problems += InputError.of("--label", f'"{rename}"', expected, fix).problems
-        labels |= dict.fromkeys(hits, text)
-    if problems:
-        raise InputError(problems)
-    return [replace(t, label=labels[t.id]) if t.id in labels else t for t in objects], set(labels)
+        (exact if own else labels).update(dict.fromkeys(hits, text))
+    return labels | exact, problems
 
 
 def label_confidences(
@@ -383,12 +391,12 @@ def summary(perceived: PerceivedScene) -> list[str]:
     pushed = [name for name, item in objects.items() if any(item.get("velocity", ()))]
     ways = {name: comments.get(f"objects.{name}.velocity", ", as before").split(", ")[1] for name in pushed}
     table["motion"] = "; ".join(f"{name} is pushed {way.partition(';')[0]}" for name, way in ways.items())
-    table["motion"] = table["motion"] or "nothing is pushed; try render --push NAME=right"
-    regions = len(document.get("doubtful", ()))
+    table["motion"] = table["motion"] or "nothing is pushed"
+    regions = list(document.get("doubtful", ()))
     doubts = [f"{', '.join(unsure)}: what is no object goes under doubtful, as {{mask: N}}"] if unsure else []
     if regions:
-        what = f"{regions} regions may be objects" if regions > 1 else "1 region may be an object"
-        doubts.append(f"{what}, too: move maybe-1 ... to objects to have one")
+        what = f"{len(regions)} regions may be objects" if len(regions) > 1 else "1 region may be an object"
+        doubts.append(f"{what}, too: move {regions[0]} ... to objects to have one")
     if doubts:
         table["doubtful"] = "; ".join([*doubts, "--box and --point mark what is missing"])
     return [first, *(f"  {name:<9} {' '.join(text.split())}" for name, text in table.items())]
@@ -528,6 +536,7 @@ def _rewritten(
         was = wrote.get("from", {})
         theirs = {key for key in ("label", "mass", "friction") if key in was and key not in now}
         stale += [f"objects.{name}.{key}" for key in theirs | perceived.wrote.get(name, {}).keys()]
+        stale += [] if any(item.get("velocity", ())) else [f"objects.{name}.velocity"]
         if was.get("mask") == now.get("mask") and wrote.get("label") == item.get("label"):
             same += [key for part in ("mask", "mass") if (key := f"objects.{name}.{part}") not in fresh]
         else:

@@ -130,7 +130,7 @@ def perceive(
         refilled = shadows.clean is not None and not shadows.faint
         cleaning = beside.submit(again, shadows.clean, background, coverage) if refilled else None
         labels, doubtful = document.with_doubtful(found.labels, found.doubtful)
-        kept = {i: name for i, name in names.before.items() if i not in names.renamed}
+        kept = {i: n for i, n in names.before.items() if i in found.object_names or i not in names.renamed}
         called = document.object_names(objects, kept)
         entries, comments = document.object_entries(
             found, objects, called, matter, boundaries, names.labels, names.sources, run.crew.name("physics")
@@ -149,6 +149,9 @@ def perceive(
         }
         slow = slow_motion(side, per_meter)
         scene["render"] = ({"slow": slow} if slow > 1 else {}) | {"motion_blur": document.MOTION_BLUR}
+        if boundaries.view is View.SIDE and scene["light"]["direction"][1] > 0:
+            scene["render"]["relight"] = False
+            comments["render.relight"] = "the light seems to come from below, which it hardly does: unsure"
         if slow > 1:
             comments["render"] = "in slow motion: what moves in so small a place is over at once"
         comments |= document.scene_comments(found, objects, specks, boundaries)

@@ -81,6 +81,7 @@ def start_refresh(
         result[again.labels == n] = ids[k]
         confidence[ids[k]], prompts[ids[k]] = again.confidence[n], again.prompts[n]
     gone: list[str] = []
+    replaced = set()  # their labels are guessed again
     most = max(ids, default=0) + len(new.prompts)
     for n, prompt in new.prompts.items():
         mask = new.labels == n
@@ -96,6 +97,7 @@ def start_refresh(
         i = meant[0] if meant else max(ids, default=0) + n
         result[mask] = i
         confidence[i], prompts[i] = new.confidence[n], prompt
+        replaced.add(i)
     named = {i: objects[k] for i, k in owner.items()}
     sources = {i: old["objects"].get(item.name, {}).get("from", {}) for i, item in named.items()}
     masks = {i: one.get("mask", "") for i, one in sources.items() if i not in prompts}
@@ -105,7 +107,9 @@ def start_refresh(
         "kept",
         confidence,
         names={
-            i: Name(item.label, label_confidence(item.provenance)) for i, item in named.items() if item.label
+            i: Name(item.label, label_confidence(item.provenance))
+            for i, item in named.items()
+            if item.label and not (i in replaced and "label" in sources[i])
         },
         prompts=prompts,
         object_names={i: item.name for i, item in named.items()},
@@ -236,6 +240,7 @@ def merge_object(was: Entry, now: Entry, prompted: bool = False) -> dict[str, An
     if set(was) <= document.BARE:
         return {**now, "mask": was["mask"], "from": {**now["from"], **was.get("from", {})}}
     keys = perceived_keys(was) | (set(PIXEL_KEYS) if prompted else set())
+    keys |= {"label"} & was.get("from", {}).keys() & now["from"].keys()  # guessed again
     keys -= {key for key in keys if isinstance(was.get(key), str) and isinstance(now.get(key), int | float)}
     if "from" in was:
         keys |= {"shape", "solid", "layer"} - was.keys()  # which lie in the assets

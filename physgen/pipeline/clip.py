@@ -21,7 +21,7 @@ from physgen.pipeline.refining import Footage, Refiners, guidance_footage, refin
 from physgen.pipeline.stages import Aside, Film, Keep, Stages, fan, lint, render, resolved
 from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
 from physgen.progress import Progress, silent
-from physgen.scene.scene import ADD_OBJECT, Motion
+from physgen.scene.scene import ADD_OBJECT
 
 if TYPE_CHECKING:
     from physgen.compile.world import World
@@ -269,6 +269,7 @@ class _Run:
             self.labels.check_kept(self.final)
         self.aside = Aside(record, scene.size)
         self._percepts = maps.percepts if self.paged else None
+        self._mask_ids = None if maps.percepts is None else maps.percepts.labels
         self._perceived: Callable[[], Perception | None]
         self._player: Callable[[], Data | None]
 
@@ -351,19 +352,21 @@ class _Run:
 
     def analyse(self, trajectory: Trajectory) -> Draws | None:
         """Check the energy balance; draw uncertain values where the options say so."""
+        from physgen.compile.shapes import shapes_of
+        from physgen.pipeline.pushes import default_push
+
         scene, record, options, world = self.scene, self.record, self.options, self.film.compiled.world
         reach = np.array([body.reach for body in world.bodies])[:, None]
         moved = np.ptp(trajectory.poses, axis=0) * np.concatenate([np.ones((len(reach), 2)), reach], 1)
         if moved.max(initial=0.0) < UNMOVED:
-            names = [
-                body.name for body in sorted(world.bodies, key=lambda one: one.motion is not Motion.DYNAMIC)
-            ]
-            fix = "".join(f"try --push {name}=right, or write a velocity or a force" for name in names[:1])
-            for name in [item.name for item in scene.objects if any(item.velocity)][:1]:
+            fix = "write a velocity or a force" if world.bodies else ADD_OBJECT
+            if stuck := [item.name for item in scene.objects if any(item.velocity)]:
                 look = '--set "render.overlay=[outlines, contacts]"'
-                fix = f"{name} has a velocity and is stuck: see what holds it by {look}"
-            why = "nothing moves in this clip" + ": the scene has no objects" * (not names)
-            self.warn(Problem(scene.place("objects"), "", "", why, fix or ADD_OBJECT, Severity.WARNING))
+                fix = f"{stuck[0]} has a velocity and is stuck: see what holds it by {look}"
+            elif push := default_push(scene, shapes_of(scene, self._mask_ids), {}):
+                fix = f"try --push {push.name}={push.way}, or {fix}"
+            why = "nothing moves in this clip" + ": the scene has no objects" * (not world.bodies)
+            self.warn(Problem(scene.place("objects"), "", "", why, fix, Severity.WARNING))
         else:  # at rest, no energy flows; a body's fall by a pixel is the least that counts
             weight = sum(body.mass for body in world.bodies) * float(np.hypot(*world.gravity))
             record.imbalance = trajectory.imbalance(weight)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from physgen.perceive.roles import PerceivedScene
     from physgen.registry import Backends
     from physgen.scene.load import Opened
+    from physgen.scene.scene import Scene
 
 Keep = Callable[[Path], None]
 """Called with the new name of every file that stood in the way and was renamed."""
@@ -110,7 +111,7 @@ def perceive(
     progress("push", 0, 1)
     with suppress(InputError):  # it is reported when the scene is rendered
         perceived = _at_rest(perceived)
-        perceived = perceived if options.still else _pushed(perceived)
+        perceived = perceived if options.still or not perceived.document["objects"] else _pushed(perceived)
     text = write_scene(perceived, image if as_it_is else None, image.stem, output, options.assets, keep)
     inform(f"{image}: " + "\n".join(summary(perceived)))  # last: nobody may read it any more
     return text
@@ -135,8 +136,9 @@ def _tried(perceived: PerceivedScene) -> Opened:
     return Opened("scene.yaml", text=scene_text(bare))
 
 
-def _at_rest(perceived: PerceivedScene) -> PerceivedScene:
-    """The scene in which objects are held that go farther than 1 px in 2 s without a push, the first to go at first."""
+def _at_rest(perceived: PerceivedScene, kept: Collection[str] = ()) -> PerceivedScene:
+    """The scene in which objects are held, but for those `kept`, that go farther than 1 px in 2 s without a push, the
+    first to go at first."""
     import numpy as np
 
     from physgen.compile.compile import compile_shapes
@@ -151,13 +153,14 @@ def _at_rest(perceived: PerceivedScene) -> PerceivedScene:
     while scene.world.view is View.SIDE:
         poses = simulate(compile_shapes(scene, shapes).world, np.linspace(0, 2, 81)).poses[..., :2]
         away = np.hypot(*np.moveaxis(poses - poses[:1], -1, 0)) > 1
+        away &= np.array([item.name not in kept for item in scene.objects], bool)
         if not away.any():
             break
         goes = away[int(away.any(axis=1).argmax())]
         for name in [item.name for item, gone in zip(scene.objects, goes, strict=True) if gone]:
             item = {key: value for key, value in objects[name].items() if key not in ("rolling", "velocity")}
-            sources = {key: value for key, value in item["from"].items() if key != "rolling"}
-            objects[name] = item | {"motion": "static", "from": sources}
+            sources = {key: value for key, value in item.get("from", {}).items() if key != "rolling"}
+            objects[name] = item | {"motion": "static"} | ({"from": sources} if sources else {})
             comments[f"objects.{name}.motion"] = "it would not stay there, so it is held; dynamic lets it go"
         scene = opened.scene([f"objects.{k}.motion=static" for k, one in objects.items() if "motion" in one])
     return replace(perceived, document=perceived.document | {"objects": objects}, comments=comments)
@@ -170,18 +173,22 @@ def _pushed(perceived: PerceivedScene, only: Collection[str] = ()) -> PerceivedS
     from physgen.compile.shapes import shapes_of
     from physgen.geometry.scale import PLAYBACK
     from physgen.perceive.document import mask_confidence
+    from physgen.perceive.roles import Suitability
+    from physgen.perceive.support.supports import SOURCE
     from physgen.pipeline.pushes import default_push
     from physgen.pipeline.stages import ended
-    from physgen.scene.provenance import meters
+    from physgen.scene.provenance import meters, source
 
     document, opened = perceived.document, _tried(perceived)
     objects = document["objects"].items()
     sure = {name: 0.0 if only and name not in only else mask_confidence(item) for name, item in objects}
     scene = opened.scene()
     shapes = shapes_of(scene, None)
-    push = default_push(scene, shapes, sure)
+    unseen = [k for k, wall in document["boundaries"].items() if source(wall.get("from", "")).text == SOURCE]
+    push = default_push(scene, shapes, sure, unseen)
     if push is None:
-        return perceived
+        doubts = () if perceived.suitability is None else perceived.suitability.reasons
+        return replace(perceived, suitability=Suitability((*doubts, "no push moves anything")))
     speeds = [meters(part / scene.world.pixels_per_meter) for part in push.velocity]
     item = document["objects"][push.name] | {"velocity": speeds}
     pushed = opened.scene([f"objects.{push.name}.velocity={json.dumps(speeds)}"])
@@ -194,22 +201,37 @@ def _pushed(perceived: PerceivedScene, only: Collection[str] = ()) -> PerceivedS
         "objects": document["objects"] | {push.name: item},
         "render": ({"slow": slow} if slow > 1 else {}) | render,
     }
-    comments = perceived.comments | {f"objects.{push.name}.velocity": push.comment}
+    why = f"the push that sets it off, to the {push.way}; [0, 0] leaves it at rest"
+    comments = perceived.comments | {f"objects.{push.name}.velocity": why}
     if slow == 1:
         comments.pop("render", None)
     return replace(perceived, document=document, comments=comments)
 
 
-def _released(perceived: PerceivedScene, was: Mapping[str, Mapping[str, Any]]) -> PerceivedScene:
-    """The scene with a push of an object that moves again and that `was` held."""
-    now = perceived.document["objects"]
-    free = {name for name, item in was.items() if "motion" in item and "motion" not in now.get(name, item)}
-    if free:
-        with suppress(InputError):
-            pushed = _pushed(perceived, free)
+def _set_in_motion(
+    perceived: PerceivedScene, scene: Scene, was: Mapping[str, Mapping[str, Any]], still: bool
+) -> tuple[PerceivedScene, dict[str, Any]]:
+    """The `scene` that is refreshed, whose objects `was` held, with what has a new prompt at rest, and a push where
+    nothing moves and an object is let go or the view is another; and what moves as before, by name."""
+    from physgen.pipeline.pushes import perceived_pushes
+
+    objects = dict(perceived.document["objects"])
+    moving = {item.name: {"velocity": list(item.velocity)} for item in scene.objects if any(item.velocity)}
+    turned = not still and scene.record.world.get("view") not in (None, scene.world.view.value)
+    for name in perceived_pushes(scene) if turned else ():
+        objects[name] = objects[name] | {"velocity": [0, 0]}
+        del moving[name]
+    perceived = replace(perceived, document=perceived.document | {"objects": objects})
+    with suppress(InputError):
+        same = [k for k, item in was.items() if item.get("prompt") == objects.get(k, item).get("prompt")]
+        perceived = _at_rest(perceived, same)
+        now = perceived.document["objects"]
+        free = {k for k, item in was.items() if "motion" in item and "motion" not in now.get(k, item)}
+        if (free or turned) and not (still or moving or scene.forces):
+            pushed = _pushed(perceived, () if turned else free)
             document = perceived.document | {"objects": pushed.document["objects"]}
-            return replace(perceived, document=document, comments=pushed.comments)
-    return perceived
+            perceived = replace(perceived, document=document, comments=pushed.comments)
+    return perceived, moving
 
 
 def _unused_choices(crew: Backends, options: PerceiveOptions) -> list[Problem]:
@@ -265,10 +287,8 @@ def refresh(
     """
     from physgen.compile.compile import compile_scene
     from physgen.perceive import refresh as old_and_new
-    from physgen.perceive.document import relabel_objects, summary, write_scene
-    from physgen.perceive.perceive import fit_objects
+    from physgen.perceive.document import renamed_labels, summary, write_scene
     from physgen.perceive.perceive import perceive as run
-    from physgen.perceive.roles import Name
     from physgen.perceive.segment.prompts import Segmenter
     from physgen.photos import read_photo
     from physgen.pipeline.stages import percepts
@@ -294,24 +314,22 @@ def refresh(
         expected = "is part of what was pointed at and has gone"
         fix = "leave the box or point out if it should stay"
         warn(Problem(Place(str(path)), f"objects.{name}", "", expected, fix, Severity.WARNING))
-    objects = fit_objects(photo.rgb, begun.found)[0]
     called = {i: name for i, name in begun.found.object_names.items() if name in old["objects"]}
-    named, renamed = relabel_objects(objects, options.labels, called)
     side, record = max(scene.size), scene.record
     scaled = follows_scale(old, record, side)
-    labels = {**begun.found.names, **{item.id: Name(item.label, 1.0) for item in named if item.id in renamed}}
     gone = None if maps is None else old_and_new.taken_out(scene.objects, maps.cut_out, begun.found.labels)
     layers = old_and_new.user_layers(old)
     layer_of = {i: layers[name] for i, name in called.items() if name in layers}
     perceived = run(
         photo.rgb,
-        replace(begun.found, names=labels, layers=layer_of, gone=gone),
+        replace(begun.found, layers=layer_of, gone=gone),
+        renames=options.labels,
         crew=crew,
         view=old_and_new.known_view(scene),
         pixels_per_meter=None if scaled else scene.world.pixels_per_meter,
         progress=progress,
     )
-    new_labels = {called[item.id]: item.label for item in named if item.id in renamed}
+    new_labels = {called[i]: text for i, text in renamed_labels(options.labels, called)[0].items()}
     doubtful: dict[str, Any] = {}
     if maps is not None and gone is not None:
         marked, doubtful = old_and_new.kept_doubtful(old, maps.labels, perceived.percepts.labels, gone)
@@ -329,15 +347,12 @@ def refresh(
         depth = maps.depth if perceived.percepts.depth is None else perceived.percepts.depth
         kept_maps = replace(perceived.percepts, labels=marked, clean=clean, depth=depth)
         perceived = replace(perceived, percepts=kept_maps)
-    moving = {item.name: {"velocity": list(item.velocity)} for item in scene.objects if any(item.velocity)}
     perceived = replace(perceived, document=document, comments=reasons)
-    if not (options.still or moving or scene.forces):
-        perceived = _released(perceived, old["objects"])
-    document = perceived.document
-    told = {
-        name: item | moving.get(name, {"velocity": document["objects"].get(name, item).get("velocity", ())})
-        for name, item in seen["objects"].items()
-    }
+    perceived, moving = _set_in_motion(perceived, scene, old["objects"], options.still)
+    document, told = perceived.document, dict(seen["objects"])
+    for name in told.keys() & document["objects"].keys():
+        own = document["objects"][name] | moving.get(name, {})
+        told[name] = told[name] | {key: own[key] for key in ("motion", "velocity") if key in own}
     all_of = {**seen, "objects": told, "doubtful": doubtful}
     summed = replace(perceived, document=all_of, comments={**every, **perceived.comments})
     text = None if "extends" in own else path.read_bytes().decode("utf-8-sig")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from math import cos, hypot, radians, sin, sqrt
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from physgen.geometry.polygon import cross
 from physgen.geometry.scale import push_speed
 from physgen.problems import InputError, collect
 from physgen.scene.files import equal
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from physgen.compile.compile import Compiled
     from physgen.compile.shapes import Shapes
     from physgen.compile.world import Body
+    from physgen.simulate.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
@@ -34,7 +36,9 @@ class _Trial:
     beyond: float = 0.1  # weight of the room behind the last object ahead, where that one may fall
     ahead: float = 1.5  # weight of objects ahead, against that of a free way: something is struck
     unsure: float = 0.33  # confidence below which an object is not pushed, as one that is asked to be checked
-    tried: int = 3  # candidates that are simulated, at up to a second each
+    tried: int = 3  # candidates that show something, after which no more are simulated
+    most: int = 8  # candidates that are simulated, at up to a second each
+    loaded: float = 0.5  # of the rank of what carries something, seen from the side: it is jammed
     enough: float = 0.85  # of the most that a candidate shows, that the first one needs to be taken
     samples: int = 16  # times at which positions are compared
     far: float = 0.25  # a displacement that counts in full
@@ -44,6 +48,7 @@ class _Trial:
     slender: float = 1.5  # times width over height: of the speed, for what topples before it slides
     gentlest: float = 0.3  # of the speed, at least
     back: float = 0.25  # of what is shown, where the object goes back instead: something stands in its way
+    thrown: float = 0.25  # of its momentum, that a wall which the photo does not show takes from an object
     harder: tuple[float, ...] = (1.0, 1.5, 2.5)
     """Times the ordinary speed, tried in turn until something moves as far as counts in full, or many do, and,
     seen from above, until no tenth more is shown: a rack wants a break."""
@@ -67,14 +72,17 @@ class Push:
 
     name: str
     velocity: tuple[float, float]  # px/s
-    comment: str  # for the file
+    way: str  # in words, as of --push
 
 
-def default_push(scene: Scene, shapes: Shapes, sure: Mapping[str, float]) -> Push | None:
+def default_push(
+    scene: Scene, shapes: Shapes, sure: Mapping[str, float], unseen: Collection[str] = ()
+) -> Push | None:
     """The push that shows most; None where none moves anything.
 
     Seen from the side it goes left or right, from above towards the nearest object or the middle of all. Candidates are
-    ranked by what lies ahead, and the best are simulated. `sure` are confidences of objects by name.
+    ranked by what lies ahead, and the best are simulated. `sure` are confidences of objects by name; `unseen` are walls
+    that the photo does not show: an object that one of them throws back would bounce off nothing.
     """
     from physgen.compile.compile import compile_shapes
 
@@ -85,21 +93,23 @@ def default_push(scene: Scene, shapes: Shapes, sure: Mapping[str, float]) -> Pus
     sizes = [np.ptp(np.concatenate(body.rings), axis=0) for body in bodies]
     slender = {item.name: float(x / y) for item, (x, y) in zip(scene.objects, sizes, strict=True)}
     best, most, farthest = None, 0.0, 0.0
-    for factor in TRIAL.harder:
+    above = scene.world.view is View.TOP
+    for factor in TRIAL.harder[: 3 if above else 2]:
         speed = float(f"{ordinary * factor:.2g}")
-        tried: list[tuple[float, Push]] = []
-        for item, way in ranked[: TRIAL.tried]:
-            gentle = TRIAL.slender * slender[item.name] if scene.world.view is View.SIDE else 1.0
+        tried: list[tuple[float, float, Push]] = []
+        for item, way in ranked[: TRIAL.most]:
+            gentle = 1.0 if above else TRIAL.slender * slender[item.name]
             part = speed * min(max(gentle, TRIAL.gentlest), 1.0)
             velocity = (round(part * way[0]), round(part * way[1]))
-            shown, way_gone = _shown(scene, shapes, item, velocity)
-            tried.append((shown, Push(item.name, velocity, _comment(way))))
-            farthest = max(farthest, way_gone)
-        now = max((shown for shown, _ in tried), default=0.0)
-        above = scene.world.view is View.TOP
-        more = now > (TRIAL.worth if above else 1.0) * most
+            shown, far = _shown(scene, shapes, item, velocity, unseen)
+            tried += [(shown, far, Push(item.name, velocity, _words(way)))] if shown else []
+            if len(tried) == TRIAL.tried:
+                break
+        now = max((shown for shown, *_ in tried), default=0.0)
+        more = now > TRIAL.worth * most
         if more:
-            best, most = next(push for shown, push in tried if shown >= TRIAL.enough * now), now
+            _, farthest, best = next(one for one in tried if one[0] >= TRIAL.enough * now)
+            most = now
         if (farthest >= TRIAL.far or most >= TRIAL.many) and not (more and above):
             break
     return best
@@ -112,9 +122,13 @@ def _ranked(
     found: list[tuple[float, int, Object, tuple[float, float]]] = []
     side = max(scene.size)
     corners = [np.concatenate(body.rings) + body.center for body in bodies]
+    ends = [(*points.min(axis=0), *points.max(axis=0)) for points in corners]
+    left, top, right, foot = np.array(ends).reshape(-1, 4).T
     for k, item in enumerate(scene.objects):
         if item.motion is not Motion.DYNAMIC or sure.get(item.name, 1.0) < TRIAL.unsure:
             continue
+        on = (np.abs(foot - top[k]) < 2 + 0.1 * (foot - top)[k]) & (left < right[k]) & (right > left[k])
+        load = TRIAL.loaded if scene.world.view is View.SIDE and on.any() else 1.0
         for way in _ways(scene, [body.center for body in bodies], k):
             frame = np.array([way, (-way[1], way[0])])
             low, high = (
@@ -128,7 +142,7 @@ def _ranked(
                 np.array([min(gaps), end - max(high[n, 0] for n in (k, *ahead))]) / (TRIAL.room * side), 0, 1
             )
             score = free + TRIAL.beyond * beyond + TRIAL.ahead * (1 - 0.5 ** len(ahead))
-            found.append((score * sure.get(item.name, 1.0), -len(found), item, way))
+            found.append((score * load * sure.get(item.name, 1.0), -len(found), item, way))
     return [(item, way) for _, _, item, way in sorted(found, key=lambda one: one[:2], reverse=True)]
 
 
@@ -145,7 +159,9 @@ def _ways(scene: Scene, centers: Sequence[Array], k: int) -> list[tuple[float, f
     return ways
 
 
-def _shown(scene: Scene, shapes: Shapes, item: Object, velocity: tuple[float, float]) -> tuple[float, float]:
+def _shown(
+    scene: Scene, shapes: Shapes, item: Object, velocity: tuple[float, float], unseen: Collection[str]
+) -> tuple[float, float]:
     """How much a push shows, counted in objects that move far, and the longest displacement, as a part of the photo's
     longer side; zeros where it moves nothing enough, or all explodes."""
     from physgen.compile.compile import compile_shapes
@@ -153,23 +169,36 @@ def _shown(scene: Scene, shapes: Shapes, item: Object, velocity: tuple[float, fl
 
     pushed = tuple(replace(one, velocity=velocity) if one is item else one for one in scene.objects)
     compiled = compile_shapes(replace(scene, objects=pushed), shapes)
-    side = max(scene.size)
+    side, k = max(scene.size), scene.objects.index(item)
     times = np.linspace(0, side / push_speed(side, scene.world.pixels_per_meter), TRIAL.samples)
-    poses = simulate(compiled.world, times).poses[..., :2]
+    motion = simulate(compiled.world, times)
+    poses = motion.poses[..., :2]
     inside: NDArray[np.bool_] = np.all((poses >= 0) & (poses < scene.size), axis=-1)
     away = np.where(inside, np.hypot(*np.moveaxis(poses - poses[:1], -1, 0)), 0).max(axis=0) / side
     fastest = float(np.hypot(*np.moveaxis(np.diff(poses, axis=0), -1, 0)).max(initial=0.0)) / times[1]
     fall = (2 * hypot(*scene.world.gravity) * side) ** 0.5
-    gone = (poses - poses[:1])[:, scene.objects.index(item)] @ np.array(velocity)
+    gone = (poses - poses[:1])[:, k] @ np.array(velocity)
     if away.max(initial=0.0) < TRIAL.least or fastest > TRIAL.wild * (hypot(*velocity) + fall):
         return 0.0, 0.0
     shown = float(np.minimum(away / TRIAL.far, 1.0).sum() + inside.mean())
-    return shown * (TRIAL.back if -gone.min() > gone.max() else 1.0), float(away.max())
+    taken = _taken(motion, k, np.array(velocity), unseen) / compiled.world.bodies[k].mass
+    back = -gone.min() > gone.max() or taken > TRIAL.thrown
+    return shown * (TRIAL.back if back else 1.0), float(away.max())
 
 
-def _comment(way: tuple[float, float]) -> str:
+def _taken(motion: Trajectory, k: int, velocity: Array, unseen: Collection[str]) -> float:
+    """The mass, g, whose momentum at this velocity the walls `unseen` take from an object; friction counts for none."""
+    _, first, second = motion.contacts.impulse_rows.T
+    walls = np.isin(motion.contacts.surfaces, list(unseen))
+    walls[: len(motion.names)] = False  # objects
+    hit = motion.contacts.impulses[(first == k) & walls[second]]
+    back, aside = -hit @ velocity, np.abs(cross(velocity, hit))
+    return float((back * (back > aside)).sum() / (velocity @ velocity))
+
+
+def _words(way: tuple[float, float]) -> str:
     words = [word for word, (x, y) in WORDS.items() if way[0] * x + way[1] * y > sin(radians(22.5))]
-    return f"the push that sets it off, to the {'-'.join(reversed(words))}; [0, 0] leaves it at rest"
+    return "-".join(reversed(words))
 
 
 # Shorthands of the command line
@@ -202,12 +231,12 @@ def motion_edits(
             edits.setdefault(f"objects.{item.name}.velocity", [0, 0])
     if kicks:
         edits["forces"] = forces
-    for name in _perceived_pushes(scene) if edits else ():
+    for name in perceived_pushes(scene) if edits else ():
         edits.setdefault(f"objects.{name}.velocity", [0, 0])
     return edits
 
 
-def _perceived_pushes(scene: Scene) -> Iterator[str]:
+def perceived_pushes(scene: Scene) -> Iterator[str]:
     """Objects that have the velocity which perception wrote, at the scale of then or as it followed the scale."""
     now = scene.world.pixels_per_meter
     followed = sqrt((scene.record.scale or now) / now)

@@ -44,6 +44,17 @@ def test_each_photo_becomes_the_scene_that_it_becomes_alone(photos, tmp_path: Pa
 
 
 @pytest.mark.slow
+def test_one_photo_goes_into_a_folder_that_is_not_there_yet_and_keeps_its_options(
+    photos, tmp_path: Path, capsys
+):
+    where = tmp_path / "new"
+    assert told(photos[0], "-o", f"{where}/", "--box", "20,30,40,40") == 0
+    assert capsys.readouterr().out.split() == [str(where / "a.yaml")]
+    (ball,) = pipeline.load(where / "a.yaml").objects
+    assert ball.prompt is not None
+
+
+@pytest.mark.slow
 def test_one_bad_photo_leaves_the_others(photos, tmp_path: Path, capsys):
     (tmp_path / "bad.png").write_bytes(b"no picture")
     assert told(photos[0], str(tmp_path / "bad.png"), photos[1], "-o", str(tmp_path / "all")) == 2

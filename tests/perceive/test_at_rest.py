@@ -17,6 +17,7 @@ from physgen.perceive.perceive import fit_objects, perceive
 from physgen.perceive.segment.prompts import from_masks
 from physgen.perceive.support.ground_contact import fit_rectangle
 from physgen.perceive.support.supports import depth_inside, free_parts
+from physgen.scene.scene import View
 from physgen.simulate.engine import simulate
 from tests.perceive.lambertian import block
 
@@ -207,3 +208,17 @@ def test_a_ragged_rectangle_is_a_box_and_a_trapezium_is_none():
     assert np.abs(np.sort(box.rings[0].outer, axis=0) - np.sort(true, axis=0)).max() < 0.6
     slanted = np.array([[24.0, 20], [40, 20], [44, 90], [20, 90]])
     assert fit_rectangle(Region((Ring(slanted),))) is None
+
+
+@pytest.mark.parametrize("between", [True, False])
+def test_a_ledge_between_others_ends_within_what_lies_on_it(between: bool) -> None:
+    """Where the wall meets the floor, and so as far as the photo shows it, unless others stand in the way."""
+    photo = Photo(horizon=150)
+    photo.box(104, 150, 32, 40)
+    for x in (60, 140) if between else (10, 30):
+        photo.box(x, 170, 39 if between else 15, 40)
+    found = fit_objects(photo.rgb, from_masks(photo.labels))[0]
+    walls = {wall.name: wall for wall in support()(photo.rgb, photo.labels, found, View.SIDE).walls}
+    first, last = walls["ledge-1"].points[0][0], walls["ledge-1"].points[-1][0]
+    assert (first >= 103 and last <= 137) is between
+    assert min(last - 104, 136 - first) > 20

@@ -13,12 +13,13 @@ from physgen.perceive.document import summary, write_scene
 from physgen.perceive.perceive import fit_objects, perceive
 from physgen.perceive.roles import BoundaryGuess, Detections, PerceivedScene, Segments, Suitability
 from physgen.perceive.segment.prompts import Segmenter, from_masks, from_prompts, segment_point
+from physgen.photometry import DistantLight
 from physgen.photos import read_image
 from physgen.problems import InputError
 from physgen.registry import Backends
 from physgen.scene.load import load
 from physgen.scene.scene import Auto, Box, Circle, Motion, Solid, View
-from tests.perceive.lambertian import beyond_halos, overlap
+from tests.perceive.lambertian import ball, beyond_halos, overlap, rendered, setting, towards
 
 
 def desk() -> tuple[np.ndarray, np.ndarray]:
@@ -145,13 +146,27 @@ def test_told_things_win():
 def test_objects_are_renamed_by_name_id_and_pattern():
     rgb, labels = desk()
     labels[5, 5] = 9  # a speck is no object
-    renames = ["ball-1=apple", "2=book", "block-*=wooden block"]
+    renames = ["ball-1=apple", "2=book", "block-*=wooden block"]  # what is named itself is no block
     found = perceive(rgb, from_masks(labels), renames=renames)
     assert "1 specks" in found.comments["objects"]
     objects = found.document["objects"]
-    assert [o["label"] for o in objects.values()] == ["apple", "wooden block", "wooden block", "wooden block"]
+    assert [o["label"] for o in objects.values()] == ["apple", "wooden block", "book", "wooden block"]
     assert next(iter(objects)) == "apple-1"
     assert "label" not in objects["apple-1"]["from"]
+
+
+@pytest.mark.parametrize(
+    ("up", "view", "relit"),
+    [(-0.6, View.SIDE, True), (0.6, View.SIDE, False), (0.6, View.TOP, True)],
+)
+def test_a_light_from_below_relights_nothing(up: float, view: View, relit: bool):
+    """From above, down the photo is no more below than up."""
+    normals, labels, _ = ball()
+    light = DistantLight(towards(0.5, up, 0.6), 0.9, 0.15)
+    rgb = rendered(normals, np.full((*labels.shape, 3), (0.8, 0.3, 0.2), np.float32), light)
+    document = perceive(rgb, from_masks(labels), view=setting(view)).document
+    assert document["light"]["direction"][1] * up > 0
+    assert document["render"].get("relight", True) is relit
 
 
 @pytest.mark.parametrize(

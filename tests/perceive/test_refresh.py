@@ -18,6 +18,7 @@ from physgen import pipeline
 from physgen.cli.main import main
 from physgen.maps import read_labels, write_png
 from physgen.materials import kind
+from physgen.perceive.backends import boundary_support
 from physgen.scene.scene import BoxPrompt, Circle, Scene
 from physgen.scene.write import scene_text
 from physgen.scene.yaml_edit import written_anew
@@ -118,6 +119,49 @@ def test_what_was_held_by_a_wrong_mask_moves_with_a_right_one(
     (pushed,) = pipeline.load(path).objects
     assert np.hypot(*pushed.velocity) > 10
     assert "is pushed to the " in capsys.readouterr().err
+
+
+def bar_and_ball(perceived: Path, tmp_path: Path, *options: str) -> Path:
+    """The first ball and the bar through the second one, with guessed labels."""
+    labels = read_labels(perceived / "marked.png")
+    cv2.imwrite(str(tmp_path / "marked.png"), np.where(labels > 2, 0, labels).astype(np.uint8))
+    path = tmp_path / "scene.yaml"
+    masks = ["--masks", str(tmp_path / "marked.png")]
+    assert main(["perceive", str(perceived / "photo.png"), *masks, *options, "-o", str(path)]) == 0
+    return path
+
+
+def box_of(name: str) -> str:
+    x, y = CENTRES[name]
+    return f"{x - 33},{y - 33},66,66"
+
+
+@pytest.mark.slow
+def test_labels_follow_new_boxes_names_beat_patterns_and_both_reach_new_objects(
+    perceived: Path, tmp_path: Path
+) -> None:
+    path = bar_and_ball(perceived, tmp_path)
+    bar = next(item for item in pipeline.load(path).objects if item.name != "ball-1")
+    assert bar.label != "ball"
+    after, _ = refreshed(path, "--box", box_of("ball-2"))
+    assert {item.name: item.label for item in after.objects} == {"ball-1": "ball", bar.name: "ball"}
+    labels = ["--label", "ball-1=tennis ball", "--label", "*=billiard ball"]
+    after, _ = refreshed(path, "--box", box_of("ball-3"), *labels)
+    named = {item.name: item.label for item in after.objects}
+    assert named == {"ball-1": "tennis ball", bar.name: "billiard ball", "billiard-ball-1": "billiard ball"}
+
+
+@pytest.mark.slow
+def test_what_is_pointed_at_and_would_fall_is_held(
+    perceived: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By a backend that finds the photo's bottom alone; what is in the scene already may have been let go."""
+    path = bar_and_ball(perceived, tmp_path, "--label", "*=ball")
+    path.write_text(path.read_text().replace("view: top", "view: side"))
+    monkeypatch.setattr(boundary_support, "add_supports", lambda _, walls, *more: (walls[:1], frozenset()))
+    after, _ = refreshed(path, "--box", box_of("ball-3"))
+    assert [item.motion.value for item in after.objects] == ["dynamic", "dynamic", "static"]
+    assert "held where they are: ball-3" in capsys.readouterr().err
 
 
 def parts(text: str) -> dict[str, str]:
@@ -464,7 +508,9 @@ def test_a_boundary_with_more_points_is_laid_out_as_in_a_new_file() -> None:
         {"boundaries": {"floor": {"polyline": [[k + 0.25, 2 * k + 0.75] for k in range(n)], "friction": 0.6}}}
         for n in (2, 14)
     )
-    assert written_anew(scene_text(old), ("boundaries", "floor"), new["boundaries"]["floor"]) == scene_text(new)
+    assert written_anew(scene_text(old), ("boundaries", "floor"), new["boundaries"]["floor"]) == scene_text(
+        new
+    )
     mine = "boundaries:\n  floor: {friction: 0.6,  # mine\n    polyline: [[0, 0], [1, 1]]}\n"
     assert written_anew(mine, ("boundaries", "floor"), new["boundaries"]["floor"]) == mine
 
@@ -540,6 +586,10 @@ def test_another_view_brings_what_holds_things_in_it_and_keeps_walls_set_by_hand
     side = names if other == "side" else first
     top = names if other == "top" else first
     assert len(side - {"bottom", "ramp"}) > 0  # floors
+    (push,) = [item.velocity for item in after.objects if any(item.velocity)]
+    (before,) = re.findall(r"velocity: \[(-?[.\d]+) m/s", text)
+    assert (push[1] != 0) == (other == "top"), f"a new push, not {before} m/s"
+    assert scene.with_name("again.yaml").read_text().count("the push that sets it off, to the") == 1
     assert top == {"ramp"}
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -16,6 +17,7 @@ from physgen.perceive.segment.network import run_network
 from physgen.perceive.segment.prompts import from_masks
 from physgen.perceive.support import viewpoint
 from physgen.perceive.support.viewpoint import judge_suitability
+from physgen.pipeline import perceive as perceive_file
 from physgen.report.perception import written_suitability
 from physgen.scene.scene import View
 
@@ -111,6 +113,38 @@ def test_masks_that_are_given_are_sure():
     one = Found(sure=0.1)
     one.found = replace(one.found, source="given")
     assert one.doubts() == "good"
+
+
+@pytest.mark.parametrize(("source", "count"), [("pointed at", 2), ("given", 2), ("pointed at", 1)])
+def test_people_that_are_pointed_at(monkeypatch, source: str, count: int):
+    """The network sees `count` of the three as what nobody moves: together they are a twentieth of the photo."""
+    one = Found()
+    one.found = replace(one.found, source=source)
+    seen = run_network(one.rgb)
+    h, w = seen.movable.shape
+    small = one.found.labels[np.arange(h)[:, None] * H // h, np.arange(w) * W // w]
+    foreground, movable = (small > 0).astype(np.float32), (small > count).astype(np.float32)
+    seen = replace(seen, foreground=foreground, movable=movable)
+    monkeypatch.setattr(viewpoint, "run_network", lambda rgb: seen)
+    says = "doubtful: what is pointed at looks immovable"
+    assert one.doubts() == (says if count == 2 else "good")
+
+
+def test_a_photo_in_which_no_push_moves_anything(tmp_path):
+    """All that is found reaches the border; with room beside it, it moves."""
+    verdicts = []
+    for left in (0, 20):
+        rgb, labels = np.full((120, 180, 3), (150, 130, 110), np.uint8), np.zeros((120, 180), np.uint8)
+        labels[40:90, left : left + 40] = 1
+        rgb[labels > 0], rgb[90:] = (200, 50, 50), (90, 60, 40)
+        for name, picture in (("photo", rgb), ("marked", labels)):
+            cv2.imwrite(str(tmp_path / f"{name}.png"), picture)
+        told: list[str] = []
+        perceive_file(
+            tmp_path / "photo.png", tmp_path / "scene.yaml", masks=tmp_path / "marked.png", inform=told.append
+        )
+        verdicts.append("no push moves anything" in told[0].splitlines()[0])
+    assert verdicts == [True, False]
 
 
 def test_it_is_recorded(tmp_path):

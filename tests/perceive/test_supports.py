@@ -17,7 +17,8 @@ FLOOR = Wall("floor", ((-100.0, 0.0), (900.0, 0.0)), 0.6, 0.4, 1.0, "", "")
 
 def upholding(outlines: list[Outline]) -> tuple[list[Wall], frozenset[int]]:
     things = [PhotoObject(k + 1, outline) for k, outline in enumerate(outlines)]
-    walls, held = add_supports(things, [FLOOR], {}, 0.6, 0.4)
+    (floor, *walls), held = add_supports(things, [FLOOR], {}, 0.6, 0.4)
+    assert floor is FLOOR
     chains = [np.array(wall.points) for wall in (FLOOR, *walls)]
     fixed = [i - 1 for i in held]
     assert unstable_objects(outlines, contacts(outlines, chains), {}, fixed, default=0.4) == []
@@ -49,8 +50,21 @@ def test_a_leaning_plank_gets_its_wall(side):
     (wall,) = walls
     assert wall.name == "wall-1"
     assert not held
-    x = wall.points[0][0]
+    (x, _), (_, low) = wall.points
+    assert low < points[:, 1].max() - 60, "what rolls along the floor does not meet it"
     assert x == pytest.approx(points[:, 0].max() if side > 0 else points[:, 0].min(), abs=0.05)
+
+
+def test_a_guessed_ledge_that_nothing_needs_goes():
+    """The block stands on the floor as on the ledge, which reaches to where nothing is; the ball needs its own."""
+    things = [PhotoObject(1, block(0, 0, 40, 40)), PhotoObject(2, Disc(np.array([300.0, -90.0]), 15.0))]
+    ledges = [
+        Wall(f"ledge-{k}", ((x, y), (x + 200, y)), 0.6, 0.4, sure, "", "")
+        for k, (x, y, sure) in enumerate([(-20.0, 0.3, 0.4), (-20.0, 0.4, 0.6), (250.0, -75.0, 0.4)])
+    ]
+    walls, held = add_supports(things, [FLOOR, *ledges], {}, 0.6, 0.4)
+    assert walls == [FLOOR, *ledges[1:]]
+    assert not held
 
 
 def test_a_pile_of_a_hundred_blocks_ends():

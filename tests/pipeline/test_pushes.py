@@ -79,6 +79,43 @@ def test_a_ball_with_a_run_up_breaks_the_others(tmp_path: Path) -> None:
     assert push.velocity[0] > 1.4 * push_speed(400, 800), "a break is harder than a push"
 
 
+def test_nothing_is_pushed_against_a_wall_that_the_photo_does_not_show(tmp_path: Path) -> None:
+    """Friction of the same wall under the ball takes its momentum, too, and throws nothing back."""
+    path = tmp_path / "scene.yaml"
+    path.write_text(
+        "physgen: 1\nsize: [400, 200]\nworld: {pixels_per_meter: 800}\nobjects:\n"
+        "  ball: {shape: {circle: {center: [130, 135], radius: 15}}, elasticity: 0}\n"
+        "  block: {shape: {box: {center: [350, 130], size: [30, 40]}}}\n"
+        "boundaries:\n  floor: {segment: [[-200, 150], [800, 150]]}\n"
+        "  stop-1: {segment: [[260, 110], [260, 150]], elasticity: 0}\n"
+    )
+    scene = pipeline.load(path)
+    shapes = shapes_of(scene, None)
+    for unseen, way in (((), 1), (("floor",), 1), (("stop-1",), -1)):
+        push = default_push(scene, shapes, {"block": 0.0}, unseen)
+        assert push is not None
+        assert push.name == "ball"
+        assert push.velocity[0] * way > 0
+
+
+def test_of_a_pile_in_a_box_the_top_is_pushed(tmp_path: Path) -> None:
+    """Two rows of blocks fill the box, each with others ahead; the one that lies on them is free."""
+    path = tmp_path / "scene.yaml"
+    blocks = [(100 + 40 * k, y) for k in range(6) for y in (130, 170)] + [(200, 90)]
+    path.write_text(
+        "physgen: 1\nsize: [400, 200]\nworld: {pixels_per_meter: 800}\nobjects:\n"
+        + "".join(
+            f"  b{k}: {{shape: {{box: {{center: [{x}, {y}], size: [40, 40]}}}}}}\n"
+            for k, (x, y) in enumerate(blocks)
+        )
+        + "boundaries: {box: {polyline: [[80, 112], [80, 190], [320, 190], [320, 112]]}}\n"
+    )
+    scene = pipeline.load(path)
+    push = default_push(scene, shapes_of(scene, None), {})
+    assert push is not None
+    assert push.name == f"b{len(blocks) - 1}"
+
+
 @pytest.mark.parametrize(
     ("text", "found"), [("domino-0", "lacks a direction"), ("domino-0=sideways", "is no direction")]
 )
@@ -147,6 +184,21 @@ def test_a_still_scene_says_so_and_a_push_prints_what_to_keep(row: Path, tmp_pat
     row.write_text(ROW.replace("objects:\n", "variants: {a: {objects.domino-0.velocity: [1, 0]}}\n" + kept, 1)
                    .replace("  domino-0: {shape", "    shape", 1).replace("[8, 60]}}}", "[8, 60]}}", 1))  # fmt: skip
     assert pipeline.load(row).objects[0].velocity[0] > 0
+
+
+def test_a_tip_names_a_push_that_moves_something(row: Path, tmp_path: Path, capsys) -> None:
+    """The first two stand between walls, and the third one against the second."""
+    walls = "".join(
+        f"  wall-{k}: {{segment: [[{x}, 80], [{x}, 150]]}}\n" for k, x in enumerate((95.9, 126.1))
+    )
+    text = ROW.replace("boundaries: {floor: {segment: [[0, 150], [400, 150]]}}", "")
+    row.write_text(text + f"boundaries:\n  floor: {{segment: [[0, 150], [400, 150]]}}\n{walls}")
+    assert main(["render", str(row), "-o", str(tmp_path / "out"), "--preview"]) == 0
+    tip = re.search(r"try (--push) (domino-\d=\w+)", capsys.readouterr().err)
+    assert tip is not None
+    assert not tip[2].startswith(("domino-0", "domino-1"))
+    assert main(["render", str(row), "-o", str(tmp_path / "out"), "--preview", tip[1], tip[2]]) == 0
+    assert "nothing moves" not in capsys.readouterr().err
 
 
 def test_a_still_scene_has_no_energy_to_balance(row: Path, tmp_path: Path, capsys) -> None:

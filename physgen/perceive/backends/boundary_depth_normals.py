@@ -121,8 +121,7 @@ def _depth_normals(
     edges = section_edges(section, facing)
     others = [edge for edge in edges if not any(is_floor_edge(section, edge, wall) for wall in stood.walls)]
     walls = [photo_bottom(labels), *stood.walls]
-    more, held = add_supports(stood.objects, walls, stood.grip, FRICTION, ELASTICITY)
-    walls += more
+    walls, held = add_supports(stood.objects, walls, stood.grip, FRICTION, ELASTICITY)
     walls += _walls(others, stood.objects, walls)
     return BoundaryGuess(found, sure, reason, tuple(walls), stood.outlines, held, stood.grip)
 

@@ -32,7 +32,7 @@ from physgen.perceive.support.ground_contact import (
     split_group,
     stands_flat,
 )
-from physgen.perceive.support.supports import add_supports, free_parts
+from physgen.perceive.support.supports import SOURCE, add_supports, free_parts
 from physgen.perceive.support.viewpoint import guess_view
 from physgen.scene.scene import View
 
@@ -49,7 +49,6 @@ FADED = 0.35  # of the contrast across its edge within, at most, beyond a floor'
 SURE_END = 6  # columns beyond an end that must be seen
 MOSTLY = 0.8  # of the columns beyond an end that are no longer the surface
 SHADE = 5.0  # ratio of luminances beyond and within, up to which the darker one may be a shadow
-IN_AIR = 0.2  # of half the object's width, by which a ledge under an object in the air is longer
 ROUNDING = 1e-3  # slope of a foot below which it is level
 
 
@@ -85,8 +84,8 @@ def _support(rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject], view: Vie
         return BoundaryGuess(found, sure, reason, tuple(find_cushions(Photo(rgb, labels), objects)))
     stood = lay_floors(rgb, labels, objects, groups)
     walls = [photo_bottom(labels), *stood.walls]
-    more, held = add_supports(stood.objects, walls, stood.grip, FRICTION, ELASTICITY)
-    return BoundaryGuess(found, sure, reason, (*walls, *more), stood.outlines, held, stood.grip)
+    walls, held = add_supports(stood.objects, walls, stood.grip, FRICTION, ELASTICITY)
+    return BoundaryGuess(found, sure, reason, tuple(walls), stood.outlines, held, stood.grip)
 
 
 def feet_groups(labels: Labels, objects: Sequence[PhotoObject]) -> Groups:
@@ -153,9 +152,16 @@ def _floors(
         sloped, is_ground = abs(line.slope) > STEEP, group is ground
         deep = solid(line, group) if solid else None
         source = "lowest points" if deep is None else "depth and lowest points"
-        ends = deep or photo.reach(line, group, is_ground)
+        boxes = np.array([bounds(f.item.outline) for f in group])
+        own = float(boxes[:, 0].min()), float(boxes[:, 2].max())
+        seen = deep or photo.reach(line, group, is_ground)
+        source = source if seen else SOURCE
         others = [t.outline for t in objects if all(t is not f.item for f in group)]
-        for part in free_parts(floor_points(line, group, ends), others):
+        chain = floor_points(line, group, seen or own)
+        near = floor_points(line, group, (2 * own[0] - own[1], 2 * own[1] - own[0]))
+        if len(group) == 1 and not is_ground and free_parts(near, others) != [near]:
+            chain = floor_points(line, group, own)  # what is beside it does not strike the ledge's end
+        for part in free_parts(chain, others):
             on = [f for f in group if part[0][0] <= f.right[0] and part[-1][0] >= f.left[0]]
             if not on:
                 continue
@@ -224,8 +230,8 @@ class Photo:
         strip[hidden] = np.nan
         return strip
 
-    def reach(self, line: Line, group: Sequence[Foot], is_ground: bool) -> Span:
-        """From where to where the surface under a group reaches.
+    def reach(self, line: Line, group: Sequence[Foot], is_ground: bool) -> Span | None:
+        """From where to where the surface under a group reaches; None where none is seen.
 
         It ends where the colour below its edge does. The ground ends only where one surface is above and below from
         there to the photo's side. What goes on at the photo's side goes on beyond it by the photo's width.
@@ -239,7 +245,7 @@ class Photo:
         under, over = (np.nanmedian(strip[there], 0) if seen else np.zeros(3) for strip in (below, above))
         contrast = float(np.linalg.norm(under - over))
         if not is_ground and contrast < ALIKE:
-            return first - IN_AIR * margin, last + IN_AIR * margin
+            return None
         ends = [-float(self.width), 2.0 * self.width]
         one = np.linalg.norm(below - above, axis=1) < max(ALIKE, FADED * contrast)
         # beyond an object's own shadow the surface is lighter, and of the same hue

@@ -41,6 +41,7 @@ class _Limits:
     # degrees; upright first: they carry nothing
     wedge_sides: tuple[float, ...] = (0.0, 180.0, 30.0, 150.0, 60.0, 120.0)
     wedge_length: float = 0.4  # of the object's radius: half the length of a wedge
+    guessed: float = 0.5  # confidence below which a wall goes if nothing needs it; the lowest floor stays
     wedge_rest: float = 0.15  # of its radius: the least length of a wedge on either side of the contact
 
 
@@ -54,15 +55,15 @@ def add_supports(
     friction: float,
     elasticity: float,
 ) -> tuple[list[Wall], frozenset[int]]:
-    """Walls to add, and the ids of objects that no wall can hold."""
-    added: list[Wall] = []
+    """The walls with those that what would fall needs, without guessed ones that nothing needs; and the ids of objects
+    that no wall can hold."""
+    every = list(walls)
     held: set[int] = set()
     outlines = [item.outline for item in objects]
     boxes = np.array([bounds(outline) for outline in outlines]).reshape(-1, 4)
     fixed = {k for k, item in enumerate(objects) if item.cut}
     between = contacts(outlines, [])
-    chains = [np.array(wall.points) for wall in walls if wall.name != "bottom"]
-    on = [contact for chain in chains for contact in wall_contacts(outlines, boxes, chain)]
+    on = [wall_contacts(outlines, boxes, np.array(w.points)) if w.name != "bottom" else [] for w in walls]
     known: dict[tuple[object, ...], list[int]] = {}
     tries: dict[int, int] = {}
     many = len(objects) > LIMITS.many
@@ -72,12 +73,15 @@ def add_supports(
         return len(unstable_objects(outlines, more, _friction(objects, more, grip), fixed)) < lost
 
     def wall_of(kind: str, chain: Chain, confidence: float, reason: str) -> Wall:
-        name = f"{kind}-{1 + sum(wall.name.startswith(kind) for wall in added)}"
+        name = f"{kind}-{1 + sum(wall.name.startswith(kind) for wall in every)}"
         return Wall(name, tuple(chain), friction, elasticity, confidence, SOURCE, reason)
 
+    def falls(on: Sequence[Sequence[Contact]]) -> tuple[list[Contact], list[int]]:
+        found = between + sorted((one for wall in on for one in wall), key=lambda contact: contact.body)
+        return found, unstable_objects(outlines, found, _friction(objects, found, grip), fixed, known=known)
+
     for times in range(LIMITS.rounds if many else 4 * len(objects) + 1):
-        found = between + sorted(on, key=lambda contact: contact.body)
-        lost = unstable_objects(outlines, found, _friction(objects, found, grip), fixed, known=known)
+        found, lost = falls(on)
         if not lost:
             break
         # of many, all at once: what another's ledge would have held has one of its own then
@@ -106,9 +110,14 @@ def add_supports(
                 held.add(item.id)
                 fixed.add(k)
             else:
-                added.append(wall)
-                on += wall_contacts(outlines, boxes, np.array(wall.points))
-    return added, frozenset(held)
+                every.append(wall)
+                on.append(wall_contacts(outlines, boxes, np.array(wall.points)))
+    for k in reversed(range(len(every))):
+        if every[k].confidence < LIMITS.guessed and every[k].name != "floor":
+            found, lost = falls(on[:k] + on[k + 1 :])
+            if not lost and all(_lies_on(found, one.body) for one in on[k]):
+                del every[k], on[k]
+    return every, frozenset(held)
 
 
 def _lies_on(found: Sequence[Contact], k: int) -> bool:
@@ -140,7 +149,7 @@ def _nest(item: PhotoObject, others: Sequence[Outline]) -> Chain | None:
 def _wall_to_lean_on(
     item: PhotoObject, found: Sequence[Contact], k: int, others: Sequence[Outline]
 ) -> Chain | None:
-    """An upright wall beside the top of an object that stands on a wall and would tip over its edge."""
+    """A short upright wall beside the top of an object that stands on a wall and would tip over its edge."""
     if isinstance(item.outline, Disc):
         return None
     feet = [float(c.point[0]) for c in found if c.body == k and c.other < 0 and c.normal[1] < -0.7]
@@ -155,7 +164,7 @@ def _wall_to_lean_on(
     if side == 0 or at.min() > y0 + LIMITS.lean * (y1 - y0):
         return None
     away = round(float(np.ceil(x * 100) if side > 0 else np.floor(x * 100)) / 100, 2)
-    chain = [(away, round(y0 - 2.0, 2)), (away, round(float(y1), 2))]
+    chain = [(away, round(y0 - 2.0, 2)), (away, round(y0 + LIMITS.lean * (y1 - y0), 2))]
     parts = [p for p in free_parts(chain, others) if p[0][1] <= at.min() <= p[-1][1]]
     return parts[0] if parts else None
 

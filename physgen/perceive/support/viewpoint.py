@@ -123,6 +123,7 @@ class _Doubts:
     unsure: float = 0.65  # confidence of an object; a third of such are none
     unclear: float = 0.1  # doubtful regions, where they cover more than the objects do
     fixed: float = 0.1  # wholes that nobody moves
+    pointed: float = 0.5  # of what is pointed at: 187 of 192 people of COCO, 3 of 31 cups and bowls
     sky: float = 0.25  # of the upper half
     foliage: float = 0.1
     detail: float = 0.4  # fine detail: clutter, crowds, gravel
@@ -150,6 +151,10 @@ def judge_suitability(
     area = {t.id: float(size[t.id]) for t in objects}
     by_hand = found.source in ("given", "pointed at")
     reasons = [] if by_hand else _photo_doubts(rgb, found, objects, area)
+    fixed = _immovable(rgb)
+    own = cv2.resize((found.labels > 0).astype(np.float32), fixed.shape[::-1])
+    if by_hand and (own * fixed).sum() > DOUBTS.pointed * own.sum():
+        reasons.append("what is pointed at looks immovable")
     if any(found.confidence[i] < RULE.weak for i in found.prompts):
         reasons.append("what is pointed at hardly stands out")
     if (largest := max(area.values(), default=0.0)) > DOUBTS.filling:
@@ -167,6 +172,12 @@ def judge_suitability(
     return Suitability(tuple(reasons))
 
 
+def _immovable(rgb: Rgb) -> Mask:
+    """(h, w), of the network's size: where it sees people, animals, furniture or the like."""
+    seen = run_network(rgb)
+    return np.asarray((seen.foreground >= 0.5) & (seen.movable < 0.5))
+
+
 def _photo_doubts(
     rgb: Rgb, found: Detections, objects: Sequence[PhotoObject], area: Mapping[int, float]
 ) -> list[str]:
@@ -181,8 +192,7 @@ def _photo_doubts(
     share = float(((unclear > 0) & (found.labels == 0)).mean())
     if share > max(DOUBTS.unclear, sum(area.values())):
         reasons.append(f"{100 * share:.0f} % of it may be objects, too")
-    seen = run_network(rgb)
-    fixed = float(((seen.foreground >= 0.5) & (seen.movable < 0.5)).mean())
+    fixed = float(_immovable(rgb).mean())
     if fixed >= DOUBTS.fixed:
         reasons.append(f"what looks immovable fills {100 * fixed:.0f} % of it")
     small = cv2.resize(
