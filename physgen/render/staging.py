@@ -64,6 +64,7 @@ class StagingTuning:
     box: float = 0.9  # of the box around it, that a block fills
     edged: float = 0.3  # of the spread of an edge's light that one direction must explain, to be light
     lit: float = 0.5  # of a face's light, by which that of its edges changes with their direction, at most
+    faint: float = 0.05  # of a face's light: less at an edge may be its grain
     thread: float = 2.0  # px: how thick what hangs on a ball is
     steep: float = 0.25  # rise over run from which a boundary is no floor: shadows of a slope lie elsewhere
     mirrored: int = 60  # px below an object's foot in which a floor is asked what it mirrors
@@ -530,6 +531,9 @@ def _edged(sprite: Sprite, light: DistantLight) -> Sprite:
         return sprite
     (x, y), (gx, gy) = (np.moveaxis(part, 2, 0) for part in (normal, gain))
     toward, across = gx * x + gy * y, gx * y - gy * x
+    # where the outline is off by a pixel, the photo shows no edge
+    shown = np.divide(edge, toward, out=np.ones_like(edge), where=np.abs(toward) > STAGING.faint)
+    toward, across = (part * np.clip(shown, 0, 1) for part in (toward, across))
     model = np.maximum(1 + toward, 1 / MOST_RELIGHTING)
     parts = (toward, across, np.ones_like(toward), np.zeros_like(toward))
     return replace(sprite, relief=Relief(*(np.asarray(part / model, np.float32) for part in parts)))
