@@ -112,7 +112,7 @@ def _gentle(body: Body, gravity: float, speed: float, harder: float) -> float:
     (x0, y0), (x1, y) = (of(np.concatenate(body.rings), axis=0).tolist() for of in (np.min, np.max))
     rise, topples = hypot((x1 - x0) / 2, y) - y, TRIAL.slender * (x1 - x0) / (y - y0)
     tips = sqrt(2 * gravity * rise * (body.moment / body.mass + (rise + y) ** 2)) / y
-    eased = speed * min(max(topples, TRIAL.gentlest), 1.0)
+    eased: float = speed * min(max(topples, TRIAL.gentlest), 1.0)
     return min(eased, harder * TRIAL.tips * tips) if topples < TRIAL.thin else eased
 
 
@@ -165,8 +165,9 @@ def _shown(scene: Scene, shapes: Shapes, item: Object, velocity: tuple[float, fl
     pushed = tuple(replace(one, velocity=velocity) if one is item else one for one in scene.objects)
     compiled = compile_shapes(replace(scene, objects=pushed), shapes)
     side = max(scene.size)
-    speed = min(push_speed(side, scene.world.pixels_per_meter), hypot(*velocity) / TRIAL.gentlest)
-    times = np.linspace(0, side / speed, TRIAL.samples)
+    ordinary = push_speed(side, scene.world.pixels_per_meter)
+    slow = np.clip(TRIAL.gentlest * ordinary / max(hypot(*velocity), 1.0), 1, 2)
+    times = np.linspace(0, slow * side / ordinary, TRIAL.samples)
     poses = simulate(compiled.world, times).poses[..., :2]
     inside: NDArray[np.bool_] = np.all((poses >= 0) & (poses < scene.size), axis=-1)
     away = np.where(inside, np.hypot(*np.moveaxis(poses - poses[:1], -1, 0)), 0).max(axis=0) / side

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from physgen.geometry.polygon import Array, Disc, Outline, Region, Ring, bounds, cross
 from physgen.maps import F32
-from physgen.perceive.roles import Boundary, BoundaryGuess, Labels, Mask, PhotoObject, Rgb, Wall
+from physgen.perceive.roles import Boundary, BoundaryGuess, Labels, PhotoObject, Rgb, Wall
 from physgen.perceive.segment.network import run_network
 from physgen.perceive.support.equilibrium import contacts
 from physgen.perceive.support.ground_contact import (
@@ -58,7 +58,7 @@ ROUNDING = 1e-3  # slope of a foot below which it is level
 class _RailLimits:
     """Rails seen from above."""
 
-    elasticity: float = 0.75  # a pool cushion's 0.6 to 0.9 (Mathavan et al. 2010)
+    bounce: float = 0.75  # elasticity: a pool cushion's 0.6 to 0.9 (Mathavan et al. 2010)
     contrast: float = 3.0  # CIE 1976 Lab, that most of its length has
     apart: int = 3  # px from an edge, on both sides, where colours are compared
     askew: float = 0.04  # slope up to which a rail is along the photo's side
@@ -100,9 +100,8 @@ def support() -> Boundary:
 
 
 def _support(rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject], view: View | None) -> BoundaryGuess:
-    groups = feet_groups(labels, objects)
     if view is None:
-        alone, upright = view_evidence(objects, groups)
+        alone, upright = view_evidence(objects, feet_groups(labels, objects))
         found, sure, reason = guess_view(rgb, labels, run_network(rgb).normals, alone, upright)
     else:
         found, sure, reason = view, 1.0, "as given"
@@ -181,8 +180,8 @@ def middle_sections(rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]) ->
     Edges that lead away from the camera run together. Where they do not, what looks like tops may be printed.
     """
     level, touching = np.log(decode(rgb) + np.float32(TOP.dark)), touching_objects(objects)
-    apart = [t.id for t in objects if not (t.cut or isinstance(t.outline, Disc) or t.id in touching)]
-    tops = {i: top for i in apart if (top := _seen_top(level, labels == i)) is not None}
+    apart = [t for t in objects if not (t.cut or isinstance(t.outline, Disc) or t.id in touching)]
+    tops = {t.id: top for t in apart if (top := _seen_top(level, labels, t)) is not None}
     if not tops:
         return list(objects)
     middles, shifts, narrower = np.array([(t.middle, t.shift, t.narrower) for t in tops.values()]).T
@@ -196,16 +195,19 @@ def middle_sections(rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]) ->
     ]
 
 
-def _seen_top(level: F32, mask: Mask) -> _Top | None:
-    """The strip of another shade along the upper rim of a mask (H, W) that else is an upright rectangle.
+def _seen_top(level: F32, labels: Labels, item: PhotoObject) -> _Top | None:
+    """The strip of another shade along the upper rim of a mask that else is an upright rectangle.
 
     `level` (H, W, 3) is the logarithm of light.
     """
-    x0, y0, width, height = cv2.boundingRect(mask.astype(np.uint8))
+    x, y, last, low = (max(int(side), 0) for side in bounds(item.outline))
+    mask = labels[y : low + 2, x : last + 2] == item.id
+    x0, y0, width, height = np.add(cv2.boundingRect(mask.astype(np.uint8)), (x, y, 0, 0)).tolist()
     lower, near = slice(int(TOP.most * height), int(0.95 * height)), TOP.near
     if min(width, height) < 4 * TOP.least:
         return None
-    own, light = (values[y0 : y0 + height, x0 : x0 + width] for values in (mask, level))
+    here = np.s_[y0 : y0 + height, x0 : x0 + width]
+    own, light = labels[here] == item.id, level[here]
     lefts, rights = own.argmax(axis=1), width - own[:, ::-1].argmax(axis=1)
     left, right = (float(np.median(side[lower])) for side in (lefts, rights))
     off = TOP.inner * (right - left)
@@ -231,22 +233,15 @@ def _seen_top(level: F32, mask: Mask) -> _Top | None:
     profile = np.median(grey, axis=1)[edge - near : edge + near]
     rise = (profile - profile[: near - 1].mean()) / (profile[near + 1 :].mean() - profile[: near - 1].mean())
     front = edge - near + float(np.interp(0.5, np.maximum.accumulate(rise), np.arange(2 * near)))
-    up, here = front - first + 0.5, slice(edge, 2 * edge - first + 4 * near)
+    up, below = front - first + 0.5, slice(edge, 2 * edge - first + 4 * near)
     if up < TOP.least:
         return None
-    sums, widths = (
-        values[first:edge] - np.median(values[here]) for values in (lefts + rights, lefts - rights)
-    )
-    x, y = x0 + np.array([left, right]) - 0.5, y0 + np.array([front, np.median(feet) - 0.5]) - up / 2
-    corners = np.array([(x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1])])
+    sums, widths = (all_[first:edge] - np.median(all_[below]) for all_ in (lefts + rights, lefts - rights))
     half = len(widths) // 2
-    return _Top(
-        Region((Ring(corners),)),
-        up,
-        float(x.mean()),
-        float(sums.mean()),
-        2 * float(widths[:half].mean() - widths[half:].mean()),
-    )
+    narrower = 2 * float(widths[:half].mean() - widths[half:].mean())
+    xs, ys = x0 + np.array([left, right]) - 0.5, y0 + np.array([front, np.median(feet) - 0.5]) - up / 2
+    corners = np.array([(xs[k], ys[j]) for k, j in ((0, 0), (1, 0), (1, 1), (0, 1))])
+    return _Top(Region((Ring(corners),)), up, float(xs.mean()), float(sums.mean()), narrower)
 
 
 def _floors(
@@ -405,9 +400,7 @@ def find_cushions(photo: Photo, objects: Sequence[PhotoObject]) -> list[Wall]:
     corners = [_crossing(lines[k - 1], lines[k]) for k in range(4)]
     reason = "the table's rail"
     return [
-        Wall(
-            f"cushion-{k + 1}", (corners[k], corners[(k + 1) % 4]), 0.2, RAIL.elasticity, 0.5, "edges", reason
-        )
+        Wall(f"cushion-{k + 1}", (corners[k], corners[(k + 1) % 4]), 0.2, RAIL.bounce, 0.5, "edges", reason)
         for k, rail in enumerate(found)
         if rail is not None
     ]
