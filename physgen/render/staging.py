@@ -518,7 +518,7 @@ def _edged(sprite: Sprite, light: DistantLight) -> Sprite:
     bright, inner = sprite.light.mean(axis=2), (away > CUT.rim).astype(np.float32)
     near = [np.maximum(cv2.GaussianBlur(part, (0, 0), CUT.along), 1e-4) for part in (bright * inner, inner)]
     edge = bright * near[1] / near[0] - 1
-    gain, ring, strength = np.zeros_like(normal), np.maximum(np.ceil(away), 1), [0.0] * CUT.rim
+    gain, ring, strength = np.zeros_like(edge), np.maximum(np.ceil(away), 1), [0.0] * CUT.rim
     for d in range(1, CUT.rim + 1):
         here = (ring == d) & (solid > 0)
         there, change = normal[here] - normal[here].mean(axis=0), edge[here] - edge[here].mean()
@@ -526,14 +526,14 @@ def _edged(sprite: Sprite, light: DistantLight) -> Sprite:
         explained = ((there @ slope) ** 2).sum() > STAGING.edged * (change**2).sum()
         if explained and slope @ light.direction[:2] > 0:
             strength[d - 1] = min(float(np.hypot(*slope)), STAGING.lit)
-            gain[ring == d] = slope * strength[d - 1] / np.hypot(*slope)
+            gain[ring == d] = strength[d - 1]
     if max(strength) <= 2 * strength[-1]:  # there is no edge, or all of it is round
         return sprite
-    (x, y), (gx, gy) = (np.moveaxis(part, 2, 0) for part in (normal, gain))
-    toward, across = gx * x + gy * y, gx * y - gy * x
-    # where the outline is off by a pixel, the photo shows no edge
+    (x, y), (lx, ly) = np.moveaxis(normal, 2, 0), light.direction[:2] / np.hypot(*light.direction[:2])
+    toward, across = gain * (lx * x + ly * y), gain * (lx * y - ly * x)
+    # where the outline is off by a pixel, the photo shows no such edge: half of it will do, a quarter is none
     shown = np.divide(edge, toward, out=np.ones_like(edge), where=np.abs(toward) > STAGING.faint)
-    toward, across = (part * np.clip(shown, 0, 1) for part in (toward, across))
+    toward, across = (part * np.clip(4 * shown - 1, 0, 1) for part in (toward, across))
     model = np.maximum(1 + toward, 1 / MOST_RELIGHTING)
     parts = (toward, across, np.ones_like(toward), np.zeros_like(toward))
     return replace(sprite, relief=Relief(*(np.asarray(part / model, np.float32) for part in parts)))
