@@ -51,6 +51,7 @@ class PhotoObject:
     outline: Outline
     label: str = ""  # `""` until it is named
     cut: bool = False  # whether the photo's border cuts it off
+    top: float = 0.0  # px of its mask above its front, where the outline is the section half-way to its back
 
 
 def photo_object(id_: int, outline: Outline, label: str, size: tuple[int, int]) -> PhotoObject:

@@ -46,7 +46,9 @@ class _Trial:
     written: float = 0.01  # of a speed, by which one that is written with three digits may differ
     wild: float = 2.5  # times the speeds of the push and of a fall over the photo: faster is an explosion
     slender: float = 1.5  # times width over height: of the speed, for what topples before it slides
-    gentlest: float = 0.3  # of the speed, at least
+    gentlest: float = 0.3  # of the speed, at least, unless it tips at less
+    thin: float = 0.5  # of the speed: what topples at less is tipped as by a finger, without a slide,
+    tips: float = 1.25  # at so many times the speed that tips it
     back: float = 0.25  # of what is shown, where the object goes back instead: something stands in its way
     thrown: float = 0.25  # of its momentum, that a wall which the photo does not show takes from an object
     harder: tuple[float, ...] = (1.0, 1.5, 2.5)
@@ -90,16 +92,14 @@ def default_push(
     ordinary = push_speed(side, scene.world.pixels_per_meter)
     bodies = compile_shapes(scene, shapes).world.bodies
     ranked = _ranked(scene, bodies, sure)
-    sizes = [np.ptp(np.concatenate(body.rings), axis=0) for body in bodies]
-    slender = {item.name: float(x / y) for item, (x, y) in zip(scene.objects, sizes, strict=True)}
+    named, gravity = {body.name: body for body in bodies}, hypot(*scene.world.gravity)
     best, most, farthest = None, 0.0, 0.0
     above = scene.world.view is View.TOP
     for factor in TRIAL.harder[: 3 if above else 2]:
         speed = float(f"{ordinary * factor:.2g}")
         tried: list[tuple[float, float, Push]] = []
         for item, way in ranked[: TRIAL.most]:
-            gentle = 1.0 if above else TRIAL.slender * slender[item.name]
-            part = speed * min(max(gentle, TRIAL.gentlest), 1.0)
+            part = _gentle(named[item.name], gravity, speed, 1.0 if best else factor)
             velocity = (round(part * way[0]), round(part * way[1]))
             shown, far = _shown(scene, shapes, item, velocity, unseen)
             tried += [(shown, far, Push(item.name, velocity, _words(way)))] if shown else []
@@ -113,6 +113,17 @@ def default_push(
         if (farthest >= TRIAL.far or most >= TRIAL.many) and not (more and above):
             break
     return best
+
+
+def _gentle(body: Body, gravity: float, speed: float, harder: float) -> float:
+    """px/s, at most `speed`: what tips its centre of mass over its lower corner once its foot has stopped it."""
+    if body.radius is not None or not gravity:
+        return speed
+    (x0, y0), (x1, y) = (of(np.concatenate(body.rings), axis=0).tolist() for of in (np.min, np.max))
+    rise, topples = hypot((x1 - x0) / 2, y) - y, TRIAL.slender * (x1 - x0) / (y - y0)
+    tips = sqrt(2 * gravity * rise * (body.moment / body.mass + (rise + y) ** 2)) / y
+    eased: float = speed * min(max(topples, TRIAL.gentlest), 1.0)
+    return min(eased, harder * TRIAL.tips * tips) if topples < TRIAL.thin else eased
 
 
 def _ranked(
@@ -170,7 +181,9 @@ def _shown(
     pushed = tuple(replace(one, velocity=velocity) if one is item else one for one in scene.objects)
     compiled = compile_shapes(replace(scene, objects=pushed), shapes)
     side, k = max(scene.size), scene.objects.index(item)
-    times = np.linspace(0, side / push_speed(side, scene.world.pixels_per_meter), TRIAL.samples)
+    ordinary = push_speed(side, scene.world.pixels_per_meter)
+    slow = np.clip(TRIAL.gentlest * ordinary / max(hypot(*velocity), 1.0), 1, 2)
+    times = np.linspace(0, slow * side / ordinary, TRIAL.samples)
     motion = simulate(compiled.world, times)
     poses = motion.poses[..., :2]
     inside: NDArray[np.bool_] = np.all((poses >= 0) & (poses < scene.size), axis=-1)

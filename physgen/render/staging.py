@@ -64,6 +64,10 @@ class StagingTuning:
     box: float = 0.9  # of the box around it, that a block fills
     edged: float = 0.3  # of the spread of an edge's light that one direction must explain, to be light
     lit: float = 0.5  # of a face's light, by which that of its edges changes with their direction, at most
+    sun: float = (
+        0.5  # weight of the scene's light in where edges are lit from: two sides alone do not show that
+    )
+    faint: float = 0.05  # of a face's light: less at an edge may be its grain
     thread: float = 2.0  # px: how thick what hangs on a ball is
     steep: float = 0.25  # rise over run from which a boundary is no floor: shadows of a slope lie elsewhere
     mirrored: int = 60  # px below an object's foot in which a floor is asked what it mirrors
@@ -518,6 +522,7 @@ def _edged(sprite: Sprite, light: DistantLight) -> Sprite:
     near = [np.maximum(cv2.GaussianBlur(part, (0, 0), CUT.along), 1e-4) for part in (bright * inner, inner)]
     edge = bright * near[1] / near[0] - 1
     gain, ring, strength = np.zeros_like(normal), np.maximum(np.ceil(away), 1), [0.0] * CUT.rim
+    sun = light.direction[:2] / np.maximum(np.hypot(*light.direction[:2]), 1e-6)
     for d in range(1, CUT.rim + 1):
         here = (ring == d) & (solid > 0)
         there, change = normal[here] - normal[here].mean(axis=0), edge[here] - edge[here].mean()
@@ -525,11 +530,15 @@ def _edged(sprite: Sprite, light: DistantLight) -> Sprite:
         explained = ((there @ slope) ** 2).sum() > STAGING.edged * (change**2).sum()
         if explained and slope @ light.direction[:2] > 0:
             strength[d - 1] = min(float(np.hypot(*slope)), STAGING.lit)
-            gain[ring == d] = slope * strength[d - 1] / np.hypot(*slope)
+            way = slope / np.hypot(*slope) + STAGING.sun * sun
+            gain[ring == d] = strength[d - 1] * way / np.hypot(*way)
     if max(strength) <= 2 * strength[-1]:  # there is no edge, or all of it is round
         return sprite
     (x, y), (gx, gy) = (np.moveaxis(part, 2, 0) for part in (normal, gain))
     toward, across = gx * x + gy * y, gx * y - gy * x
+    # where the outline is off by a pixel, the photo shows no such edge: half of it will do, a quarter is none
+    shown = np.divide(edge, toward, out=np.ones_like(edge), where=np.abs(toward) > STAGING.faint)
+    toward, across = (part * np.clip(4 * shown - 1, 0, 1) for part in (toward, across))
     model = np.maximum(1 + toward, 1 / MOST_RELIGHTING)
     parts = (toward, across, np.ones_like(toward), np.zeros_like(toward))
     return replace(sprite, relief=Relief(*(np.asarray(part / model, np.float32) for part in parts)))

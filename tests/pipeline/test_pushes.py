@@ -141,6 +141,32 @@ def test_what_hardly_moves_is_pushed_harder(tmp_path: Path) -> None:
     assert abs(push.velocity[0]) > 1.4 * ordinary
 
 
+@pytest.mark.parametrize("height", [60, 90, 150])
+def test_what_is_thin_is_tipped_about_its_foot(tmp_path: Path, height: float) -> None:
+    """By conservation of angular momentum about its foot, and of energy from there on, it just falls; none slides."""
+    path = tmp_path / "scene.yaml"
+    path.write_text(
+        "physgen: 1\nsize: [400, 300]\nworld: {pixels_per_meter: 1000, duration: 1.0}\nobjects:\n"
+        f"  domino: {{shape: {{box: {{center: [150, {250 - height / 2}], size: [12, {height}]}}}}, friction: 0.45}}\n"
+        "boundaries: {floor: {segment: [[-400, 250], [800, 250]], friction: 0.6}}\n"
+    )
+    scene = pipeline.load(path)
+    push = default_push(scene, shapes_of(scene, None), {})
+    assert push is not None
+    arm = np.hypot(6, height / 2)
+    inertia = (12**2 + height**2) / 12 + arm**2  # over its mass, about the corner
+    least = np.sqrt(2 * 9.8 * 1000 * (arm - height / 2) / inertia) * inertia / (height / 2)
+    assert least < abs(push.velocity[0]) < 1.5 * least
+    edits = [f"objects.domino.velocity=[{push.velocity[0]}, 0]"]
+    poses = pipeline.simulate(pipeline.compile(pipeline.load(path, edits), None).world).poses[:, 0]
+    side = np.sign(push.velocity[0])
+    assert poses[-1, 2] * side > np.radians(80)
+    falling = poses[np.abs(poses[:, 2]) < np.radians(15)]
+    x, _, turn = falling.T
+    foot = x + 6 * side * np.cos(turn) - height / 2 * np.sin(turn)
+    assert np.ptp(foot) < 0.03 * height
+
+
 def test_shorthands_are_edits(row: Path) -> None:
     scene = pipeline.load(row)
     compiled = pipeline.compile(scene, None)

@@ -464,7 +464,9 @@ def pool_ball(turn, number: float = 0.0, r: float = 20.0):
     body = np.stack([u, v, -z], -1) @ turn @ seat
     up, side = body[..., 1], body[..., 0] * np.sign(body[..., 2])
     disc = np.hypot(up, side) < 0.4
-    ink = ((np.abs(side + 0.1) < 0.06) & (np.abs(up) < 0.24)) | ((np.abs(up - 0.18) < 0.06) & (np.abs(side) < 0.16))
+    ink = ((np.abs(side + 0.1) < 0.06) & (np.abs(up) < 0.24)) | (
+        (np.abs(up - 0.18) < 0.06) & (np.abs(side) < 0.16)
+    )
     coloured = (np.abs(up) < 0.56) & ~disc
     paint = np.where(coloured[..., None], [0.35, 0.02, 0.03], [0.62, 0.55, 0.4])
     paint = np.where((ink & disc)[..., None], 0.015, paint)
@@ -637,3 +639,20 @@ def test_a_disc_keeps_its_paint_and_not_its_light(kind: str, kept: bool) -> None
         assert relief.ratio(np.pi / 2)[inside] == pytest.approx(
             ((0.2 - 0.004 * yy) / shade)[inside], abs=0.05
         )
+
+
+@pytest.mark.parametrize("cut", [0, 2])
+def test_an_outline_that_cuts_an_edge_off_lights_no_line_on_the_face(cut: int) -> None:
+    """A block with a lit left edge and a dark right one, of which the outline lacks `cut` px along a part."""
+    light = np.full((160, 48), 0.5, np.float32)
+    light[:, 8:11], light[:, 37:40] = 0.7, 0.2
+    cover = np.zeros_like(light)
+    cover[8:152, 8:40] = 1
+    cover[60:90, 40 - cut : 40] = 0
+    sprite = Sprite(0, (0, 0), (light * cover)[..., None].repeat(3, 2), cover)
+    relief = staging._edged(sprite, DistantLight((-0.8, -0.4, 0.45), 0.8, 0.3)).relief
+    assert relief is not None
+    lit = (light * relief.ratio(np.pi / 2))[12:148]
+    face, edge = lit[:, 12:36], lit[:, 37:40][cover[12:148, 37:40] > 0]
+    assert np.abs(face[54:72] - 0.5).max() < 0.06, "beside the outline's gap"
+    assert edge.mean() > 0.2, "what faces down is lit from below a little more than what faced away"

@@ -117,7 +117,7 @@ def _depth_normals(
     if found is View.TOP:
         return BoundaryGuess(found, sure, reason, tuple(find_cushions(Photo(rgb, labels), objects)))
     section = side_section(even, facing, labels, objects, groups, scenery)
-    stood = lay_floors(rgb, labels, objects, groups, partial(solid_reach, section))
+    stood = lay_floors(rgb, labels, objects, partial(solid_reach, section))
     edges = section_edges(section, facing)
     others = [edge for edge in edges if not any(is_floor_edge(section, edge, wall) for wall in stood.walls)]
     walls = [photo_bottom(labels), *stood.walls]

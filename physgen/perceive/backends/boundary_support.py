@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.geometry.polygon import Array, Outline, bounds, cross
+from physgen.geometry.polygon import Array, Disc, Outline, Region, Ring, bounds, cross
 from physgen.maps import F32
 from physgen.perceive.roles import Boundary, BoundaryGuess, Labels, PhotoObject, Rgb, Wall
 from physgen.perceive.segment.network import run_network
@@ -31,9 +31,11 @@ from physgen.perceive.support.ground_contact import (
     level_feet,
     split_group,
     stands_flat,
+    touching_objects,
 )
 from physgen.perceive.support.supports import SOURCE, add_supports, free_parts
 from physgen.perceive.support.viewpoint import guess_view
+from physgen.photometry import decode
 from physgen.scene.scene import View
 
 Groups = Sequence[tuple[Line, list[Foot]]]
@@ -42,7 +44,6 @@ Reach = Callable[[Line, Sequence[Foot]], Span | None]
 """From where to where the floor under a group reaches; None: unknown."""
 
 FRICTION, ELASTICITY = 0.6, 0.4
-CUSHION = 0.75  # elasticity of a rail seen from above: a pool cushion's 0.6 to 0.9 (Mathavan et al. 2010)
 GRIP = 1.25  # coefficient of friction over the slope that objects lie still on: at 1 they are about to slip
 ALIKE = 10.0  # CIE 1976 Lab distance up to which two strips are the same surface
 FADED = 0.35  # of the contrast across its edge within, at most, beyond a floor's end
@@ -56,6 +57,7 @@ ROUNDING = 1e-3  # slope of a foot below which it is level
 class _RailLimits:
     """Rails seen from above."""
 
+    bounce: float = 0.75  # elasticity: a pool cushion's 0.6 to 0.9 (Mathavan et al. 2010)
     contrast: float = 3.0  # CIE 1976 Lab, that most of its length has
     apart: int = 3  # px from an edge, on both sides, where colours are compared
     askew: float = 0.04  # slope up to which a rail is along the photo's side
@@ -65,7 +67,30 @@ class _RailLimits:
     shade: float = 0.015  # of the photo's longer side: width of the shadow that a rail casts on its table
 
 
-RAIL = _RailLimits()
+@dataclass(frozen=True)
+class _TopLimits:
+    """Which boxes show their tops: strips of another shade along upper rims, whose sides run together; px.
+
+    Light is its logarithm. Prints are as wide above as below, lids above as far as down to their edge.
+    """
+
+    least: float = 3.0  # height of a top
+    most: float = 0.45  # of the height of its box
+    inner: float = 0.2  # of the width, on either side, where edges are rounded
+    straight: float = 1.5  # off straight lines, at most, of the upper rim and the sides of the front
+    near: int = 3  # from an edge to where light is compared, at most
+    step: float = 0.15  # of light at the edge between top and front
+    agree: float = 0.9  # share of its columns that have half that step
+    plain: float = 0.5  # of the step: spread of light on the top, and on the front beside it
+    hue: float = 0.4  # by which one colour may change more than another
+    close: float = 3.5
+    """By which the tops of two run together, of more by the root of their number less, or half of that by which one is
+    narrower behind."""
+    off: float = 1.5  # by which each may be off its way to the vanishing point
+    dark: float = 0.003  # of linear light, below which levels are alike
+
+
+RAIL, TOP = _RailLimits(), _TopLimits()
 
 
 def support() -> Boundary:
@@ -74,15 +99,14 @@ def support() -> Boundary:
 
 
 def _support(rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject], view: View | None) -> BoundaryGuess:
-    groups = feet_groups(labels, objects)
     if view is None:
-        alone, upright = view_evidence(objects, groups)
+        alone, upright = view_evidence(objects, feet_groups(labels, objects))
         found, sure, reason = guess_view(rgb, labels, run_network(rgb).normals, alone, upright)
     else:
         found, sure, reason = view, 1.0, "as given"
     if found is View.TOP or not len(objects):
         return BoundaryGuess(found, sure, reason, tuple(find_cushions(Photo(rgb, labels), objects)))
-    stood = lay_floors(rgb, labels, objects, groups)
+    stood = lay_floors(rgb, labels, objects)
     walls = [photo_bottom(labels), *stood.walls]
     walls, held = add_supports(stood.objects, walls, stood.grip, FRICTION, ELASTICITY)
     return BoundaryGuess(found, sure, reason, tuple(walls), stood.outlines, held, stood.grip)
@@ -117,10 +141,12 @@ class SupportedObjects:
 
 
 def lay_floors(
-    rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject], groups: Groups, solid: Reach | None = None
+    rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject], solid: Reach | None = None
 ) -> SupportedObjects:
     """Objects with level feet, and floors that touch them; `solid` tells their ends from depth where it can."""
-    outlines: dict[int, Outline] = {}
+    objects = middle_sections(rgb, labels, objects)
+    outlines: dict[int, Outline] = {t.id: t.outline for t in objects if t.top}
+    groups = feet_groups(labels, objects)
     free = free_discs(objects)
     groups = [part for line, group in groups for part in split_group(line, group, free)]
     for line, group in groups:
@@ -134,6 +160,87 @@ def lay_floors(
     groups = [(line, [find_foot(now[f.item.id]) for f in group]) for line, group in groups]
     walls = _floors(Photo(rgb, labels), objects, groups, solid, 2 * line_tolerance(labels))
     return SupportedObjects(objects, outlines, walls, _grip(objects, groups))
+
+
+@dataclass(frozen=True)
+class _Top:
+    """A box whose top is seen, px."""
+
+    section: Region  # half-way from front to back
+    height: float  # from the front edge of its top up to the rear edge
+    middle: float  # column, of its front edge
+    shift: float  # by which the middle of the rear edge lies to the right of that
+    narrower: float  # by which the rear edge is shorter
+
+
+def middle_sections(rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]) -> list[PhotoObject]:
+    """The objects, boxes whose tops are seen with the section half-way from front to back as outline.
+
+    Edges that lead away from the camera run together. Where they do not, what looks like tops may be printed.
+    """
+    level, touching = np.log(decode(rgb) + np.float32(TOP.dark)), touching_objects(objects)
+    apart = [t for t in objects if not (t.cut or isinstance(t.outline, Disc) or t.id in touching)]
+    tops = {t.id: top for t in apart if (top := _seen_top(level, labels, t)) is not None}
+    if not tops:
+        return list(objects)
+    middles, shifts, narrower = np.array([(t.middle, t.shift, t.narrower) for t in tops.values()]).T
+    line = np.polyfit(middles, shifts, min(len(tops) - 1, 1))
+    row = -line[0] * np.ptp(middles) * (len(tops) / 2) ** 0.5
+    off = np.abs(shifts - np.polyval(line, middles))
+    close = max(float(row), float(np.median(narrower)) / 2) >= TOP.close
+    kept = {i: top for (i, top), far in zip(tops.items(), off, strict=True) if close and far <= TOP.off}
+    return [
+        replace(t, outline=kept[t.id].section, top=kept[t.id].height) if t.id in kept else t for t in objects
+    ]
+
+
+def _seen_top(level: F32, labels: Labels, item: PhotoObject) -> _Top | None:
+    """The strip of another shade along the upper rim of a mask that else is an upright rectangle.
+
+    `level` (H, W, 3) is the logarithm of light.
+    """
+    x, y, last, low = (max(int(side), 0) for side in bounds(item.outline))
+    mask = labels[y : low + 2, x : last + 2] == item.id
+    x0, y0, width, height = np.add(cv2.boundingRect(mask.astype(np.uint8)), (x, y, 0, 0)).tolist()
+    lower, near = slice(int(TOP.most * height), int(0.95 * height)), TOP.near
+    if min(width, height) < 4 * TOP.least:
+        return None
+    here = np.s_[y0 : y0 + height, x0 : x0 + width]
+    own, light = labels[here] == item.id, level[here]
+    lefts, rights = own.argmax(axis=1), width - own[:, ::-1].argmax(axis=1)
+    left, right = (float(np.median(side[lower])) for side in (lefts, rights))
+    off = TOP.inner * (right - left)
+    inner = np.s_[:, int(left + off) : int(right - off) + 1]
+    rims, feet = own[inner].argmax(axis=0), height - own[::-1][inner].argmax(axis=0)
+    bent = max(np.ptp(np.percentile(line, (10, 90))) for line in (lefts[lower], rights[lower], rims, feet))
+    first, grey = int(np.median(rims)), light[inner].mean(axis=2)
+    rows = np.arange(first + near, lower.start)
+    if bent > TOP.straight or not len(rows) or not own[inner][first + 1 : int(np.median(feet)) - 1].all():
+        return None
+    steps = np.array(
+        [grey[y + 1 : y + near].mean(axis=0) - grey[y - near : y - 1].mean(axis=0) for y in rows]
+    )
+    usual = np.median(steps, axis=1, keepdims=True)
+    agree = (steps * np.sign(usual) > np.abs(usual) / 2).mean(axis=1)
+    k = int(np.argmax(np.abs(usual[:, 0]) * agree))
+    edge, step = int(rows[k]), abs(float(usual[k, 0]))
+    parts = light[inner][first + 1 : edge - 1], light[inner][edge + near : 2 * (edge + near) - first]
+    spread = max(np.ptp(np.percentile(part.mean(axis=2), (10, 90))) for part in parts)
+    hue = np.ptp(np.median(parts[1], axis=(0, 1)) - np.median(parts[0], axis=(0, 1)))
+    if step < TOP.step or agree[k] < TOP.agree or spread > TOP.plain * step or hue > TOP.hue:
+        return None
+    profile = np.median(grey, axis=1)[edge - near : edge + near]
+    rise = (profile - profile[: near - 1].mean()) / (profile[near + 1 :].mean() - profile[: near - 1].mean())
+    front = edge - near + float(np.interp(0.5, np.maximum.accumulate(rise), np.arange(2 * near)))
+    up, below = front - first + 0.5, slice(edge, 2 * edge - first + 4 * near)
+    if up < TOP.least:
+        return None
+    sums, widths = (all_[first:edge] - np.median(all_[below]) for all_ in (lefts + rights, lefts - rights))
+    half = len(widths) // 2
+    narrower = 2 * float(widths[:half].mean() - widths[half:].mean())
+    xs, ys = x0 + np.array([left, right]) - 0.5, y0 + np.array([front, np.median(feet) - 0.5]) - up / 2
+    corners = np.array([(xs[k], ys[j]) for k, j in ((0, 0), (1, 0), (1, 1), (0, 1))])
+    return _Top(Region((Ring(corners),)), up, float(xs.mean()), float(sums.mean()), narrower)
 
 
 def _floors(
@@ -299,7 +406,7 @@ def find_cushions(photo: Photo, objects: Sequence[PhotoObject]) -> list[Wall]:
     corners = [_crossing(lines[k - 1], lines[k]) for k in range(4)]
     reason = "the table's rail"
     return [
-        Wall(f"cushion-{k + 1}", (corners[k], corners[(k + 1) % 4]), 0.2, CUSHION, 0.5, "edges", reason)
+        Wall(f"cushion-{k + 1}", (corners[k], corners[(k + 1) % 4]), 0.2, RAIL.bounce, 0.5, "edges", reason)
         for k, rail in enumerate(found)
         if rail is not None
     ]

@@ -322,13 +322,13 @@ def _height(foot: Foot) -> float:
     """y at which an object stands: a flat foot as its section through its middle, higher than its front edge."""
     x0, y0, x1, y1 = bounds(foot.item.outline)
     lift = min(LEVEL.max_lift, 0.5 * sin(radians(LEVEL.tilt)) * min(x1 - x0, y1 - y0))
-    return float(foot.hull[:, 1].max()) - lift * stands_flat(foot)
+    return float(foot.hull[:, 1].max()) - lift * (stands_flat(foot) and not foot.item.top)
 
 
 def free_discs(objects: Sequence[PhotoObject]) -> frozenset[int]:
     """Ids of round objects that touch no other object: their masks, not they, are off the line that others share."""
     discs = {item.id for item in objects if isinstance(item.outline, Disc)}
-    return frozenset(discs - _touching(objects))
+    return frozenset(discs - touching_objects(objects))
 
 
 def split_group(line: Line, group: Sequence[Foot], free: Collection[int]) -> list[tuple[Line, list[Foot]]]:
@@ -442,7 +442,7 @@ def fit_rectangles(objects: Sequence[PhotoObject]) -> dict[int, Outline]:
     Objects that touch share their borders: a rectangle would leave gaps or overlap.
     """
     outlines = [item.outline for item in objects]
-    touching = _touching(objects)
+    touching = touching_objects(objects)
     result: dict[int, Outline] = {}
     boxes = np.array([bounds(outline) for outline in outlines]).reshape(-1, 4)
     for k, item in enumerate(objects):
@@ -456,7 +456,7 @@ def fit_rectangles(objects: Sequence[PhotoObject]) -> dict[int, Outline]:
     return result
 
 
-def _touching(objects: Sequence[PhotoObject]) -> set[int]:
+def touching_objects(objects: Sequence[PhotoObject]) -> set[int]:
     """Ids of objects that touch others."""
     found = contacts([item.outline for item in objects], [])
     return {objects[k].id for contact in found for k in (contact.body, contact.other)}
