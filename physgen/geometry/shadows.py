@@ -376,12 +376,7 @@ def shadow_on_table(what: Silhouette, setting: ShadowSetting) -> tuple[PixelBox,
             return None
         x = (np.arange(box[0], box[2], dtype=np.float32) - np.float32(cx))[None, :]
         y = (np.arange(box[1], box[3], dtype=np.float32) - np.float32(cy))[:, None]
-        # a point sees the light past the sphere by how far its ray to the light passes the centre
-        px, py = x - np.float32(ax * r), y - np.float32(ay * r)
-        along = px * np.float32(lx) + py * np.float32(ly)
-        miss = np.sqrt(np.maximum(px * px + py * py - along * along, 0)) - np.float32(r)
-        width = np.float32(max(0.35, soft * rise))
-        blocked = 1 / (1 + np.exp(np.clip(miss / (0.6 * width), -30, 30)))
+        blocked = blocked_by_ball(r, setting, x, y, np.float32(-r))
         # cosine-weighted solid angle of a sphere that lies on the table
         near = np.float32(r * r) / (x * x + y * y + np.float32(r * r))
         return box, attenuation(direct, blocked, near * np.sqrt(near) * faded_out(x, y, 2.2 * r))

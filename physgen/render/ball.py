@@ -60,8 +60,14 @@ class BallTuning:
     explained: float = 0.8  # of the pixels, by a pattern that a ball is painted with
     contrast: float = 1.0  # of log light in some channel: shades of one paint differ less
     together: int = 5  # balls, at least, that tell lamps from their neighbours
-    most_show: float = 70.0  # percentile of what they reflect that a lamp does
-    lamps: float = 0.05  # of a ball's width, by which that may lie elsewhere on each
+    lent: float = (
+        0.05  # share of a normal's light that a neighbour keeps away or lends, up to which it is alone
+    )
+    beyond: float = 1.1  # of a neighbour's radius: a ray that passes so far from its middle does not meet it
+    dark: float = 0.1  # linear light up to which paint shows what is mirrored on it
+    alike: float = (
+        0.4  # of log light in each channel over all: paints of several balls that differ less are one
+    )
     beside: float = 0.4  # of the way between two paints: what is farther off it is neither
     gloss_cosine: float = 0.80  # of the angle between a highlight's normal and the mirror's direction
 
@@ -278,6 +284,7 @@ class Ball:
     trust: float = 1.0  # 0..1: how far the photo shows this light on it; power of Lambert's shading
     pattern: Pattern | None = None  # of a ball that is seen from above
     fade: F32 | None = None  # (h, w) by which the light at the rim differs from that; it does not turn
+    seen: F32 | None = None  # (h, w, 3) linear light in the photo, carried outwards, of one with a pattern
 
     def shade(self, u: F32, v: F32, z: F32) -> F32:
         """(h, w, 3) shading of the normals (u, v, z to the viewer)."""
@@ -371,7 +378,7 @@ def ball_from_photo(
         else:
             ink = np.minimum(bare, pattern.colours.max(axis=0))
             bare = flat + pattern.written(points, 1 / radius)[0] * (ink - flat)
-        ball = replace(ball, skin=bare, gloss=shine, pattern=pattern)
+        ball = replace(ball, skin=bare, gloss=shine, pattern=pattern, seen=inner)
     if _plain(bare, su, sv, z, rho < RIM):
         # a ball of one colour looks the same however it has turned: all that is uneven is light, and stays
         even = np.broadcast_to(np.median(bare[rho < RIM], axis=0), bare.shape).copy()
@@ -410,37 +417,143 @@ def blurred_share(seen: F32, model: F32, weight: F32, sigma: float) -> F32:
 
 
 def in_one_light(balls: Sequence[Ball]) -> list[Ball]:
-    """Painted balls with what they reflect of lamps, which show at the same normals of all: not their neighbours, nor
-    highlights that are cut off where paint is as bright."""
-    painted = [ball for ball in balls if ball.pattern is not None]
+    """Painted balls in the light that they share, by what all show where no neighbour is near or mirrored: how bright
+    each normal is, and what it mirrors of lamps, windows and the table. The paint that most of them wear is one."""
+    painted = [(b, b.pattern, b.seen) for b in balls if b.pattern is not None and b.seen is not None]
     if len(painted) < BALL.together:
         return list(balls)
-    half = max(round(ball.radius) for ball in painted)
-
-    def sampled(picture: F32, size: Sequence[int], scale: float, shift: Array) -> F32:
-        """Of a picture, at `scale` times the columns and rows of `size`, and `shift`."""
-        matrix = np.column_stack([scale * np.eye(2), shift])
-        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        return np.asarray(cv2.warpAffine(picture, matrix, (size[0], size[1]), flags=flags), np.float32)
-
-    middles = [np.subtract(ball.center, ball.corner) for ball in painted]
+    half = max(round(ball.radius) for ball, _, _ in painted)
     side = (2 * half + 1, 2 * half + 1)
-    shines = [
-        sampled(ball.gloss, side, ball.radius / half, middle - ball.radius)
-        for ball, middle in zip(painted, middles, strict=True)
-    ]
-    shared = np.percentile(shines, BALL.most_show, axis=0).astype(np.float32)
-    usual = min(shines, key=lambda shine: float(np.abs(shine - shared).sum()))
-    reach = np.ones((2 * round(2 * BALL.lamps * half) + 1,) * 2, np.uint8)
-    most, level = (picture.mean(axis=2, keepdims=True) for picture in (cv2.dilate(shared, reach), usual))
-    usual = usual * np.minimum(most / np.maximum(level, 1e-6), 1)
-    found = {
-        id(ball): sampled(
-            usual, ball.gloss.shape[1::-1], half / ball.radius, half - middle * half / ball.radius
-        )
-        for ball, middle in zip(painted, middles, strict=True)
-    }
-    return [replace(ball, gloss=found.get(id(ball), ball.gloss)) for ball in balls]
+    points = _points(side, (0, 0), (half, half), half)
+    seen = np.stack(
+        [
+            _sampled(picture, side, ball.radius / half, np.subtract(ball.center, ball.corner) - ball.radius)
+            for ball, _, picture in painted
+        ]
+    )
+    lit, clear = (
+        np.stack(part) for part in zip(*(_open(points, b, balls) for b, _, _ in painted), strict=True)
+    )
+    shared = replace(painted[0][0], trust=float(np.median([ball.trust for ball, _, _ in painted])), even=None)
+    patterns = [pattern for _, pattern, _ in painted]
+    plain = np.stack(
+        [
+            (np.abs(one.values(points)) > BALL.even) & (one.written(points, 1e-3)[0][..., 0] == 0)
+            for one in patterns
+        ]
+    )
+    lit, clear = lit & plain, clear & plain
+    even, patterns = _shared_light(
+        seen / shared.shade(*np.moveaxis(points, 2, 0)), points, lit, plain, patterns
+    )
+    shared = replace(shared, even=even)
+    shade = shared.shade(*np.moveaxis(points, 2, 0))
+    model, other = (
+        np.stack([replace(one, colours=one.colours[::step]).painted(points, 1 / half) for one in patterns])
+        * shade
+        for step in (1, -1)
+    )
+    away, off = (np.abs(seen - one).max(axis=3) for one in (model, other))
+    wrong = np.moveaxis(off < BALL.beside * away, 0, 2).astype(np.uint8)  # what a pattern has not
+    plain &= np.moveaxis(cv2.dilate(wrong, np.ones((3, 3), np.uint8)), 2, 0) == 0
+    clear &= plain
+    # what is mirrored shows on dark paint, light on bright paint
+    dim = model < BALL.dark
+    gloss = np.maximum(_usual(seen - model, clear[..., None] & dim, plain[..., None] & dim), 0)
+    share = np.clip((seen - gloss) / np.maximum(model, BALL.dim), 1 / BALL.fades, BALL.fades)
+    rim = np.hypot(points[..., 0], points[..., 1]) > BALL.rim_light
+    fade = np.where(rim[..., None], _usual(share, clear[..., None] & ~dim, np.ones_like(dim)), 1).mean(
+        axis=2, keepdims=True
+    )
+    fade = np.repeat(fade, 3, axis=2).astype(np.float32)
+    found = {}
+    for (ball, _, picture), pattern in zip(painted, patterns, strict=True):
+        size, scale = ball.skin.shape[1::-1], half / ball.radius
+        shift = half - scale * np.subtract(ball.center, ball.corner)
+        shine, rim = (_sampled(part, size, scale, shift) for part in (gloss, fade))
+        key = id(ball)
+        ball = replace(ball, gloss=shine, fade=rim[..., 0], even=even, trust=shared.trust, pattern=pattern)
+        own = _points(ball.skin.shape, ball.corner, ball.center, ball.radius)
+        flat, ink = pattern.painted(own, 1 / ball.radius), (picture - shine) / np.maximum(ball.lit, 1e-3)
+        ink = np.clip(ink, 0, pattern.colours.max(axis=0))
+        share = pattern.written(own, 1 / ball.radius)[0]
+        skin = np.asarray(flat + share * (ink - flat), np.float32)
+        found[key] = replace(ball, skin=skin)
+    return [found.get(id(ball), ball) for ball in balls]
+
+
+def _points(
+    shape: tuple[int, ...], corner: tuple[int, int], center: tuple[float, float], radius: float
+) -> F32:
+    """(h, w, 3) normals, as `normals_within`."""
+    return np.stack(np.broadcast_arrays(*normals_within(shape, corner, center, radius)[:3]), axis=-1)
+
+
+def _sampled(picture: F32, size: Sequence[int], scale: float, shift: Array) -> F32:
+    """Of a picture, at `scale` times the columns and rows of `size`, and `shift`."""
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    matrix = np.column_stack([scale * np.eye(2), shift])
+    moved = cv2.warpAffine(picture, matrix, (size[0], size[1]), flags=flags, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(moved, np.float32)
+
+
+def _open(points: F32, ball: Ball, balls: Sequence[Ball]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """(h, w) where no other ball gives a ball's normals (h, w, 3) much light, and where they mirror none."""
+    lit, clear = (np.ones(points.shape[:2], np.bool_) for _ in range(2))
+    mirrored = 2 * points[..., 2:] * points - np.array([0, 0, 1], np.float32)
+    for other in balls:
+        way = np.append(np.subtract(other.center, ball.center), other.radius - ball.radius) / ball.radius
+        far, size = float(np.linalg.norm(way)), other.radius / ball.radius
+        if other is ball or far < 1:
+            continue
+        lit &= (points @ way) * (size**2 / far**3) < BALL.lent
+        off = way - points
+        along = (off * mirrored).sum(axis=2)
+        clear &= (along < 0) | ((off * off).sum(axis=2) - along**2 > (BALL.beyond * size) ** 2)
+    return lit, clear
+
+
+def _shared_light(
+    bare: F32, points: F32, lit: NDArray[np.bool_], plain: NDArray[np.bool_], patterns: Sequence[Pattern]
+) -> tuple[F32, list[Pattern]]:
+    """(8, 3) weights of `basis` of the light on all balls, whose light over Lambert's shading is `bare` (n, h, w, 3),
+    from where they are `lit` (n, h, w); and the patterns with their colours in it."""
+    values = np.stack([pattern.values(points) for pattern in patterns])
+    inside = np.hypot(points[..., 0], points[..., 1]) < 0.99 * RIM
+    use = np.where(lit.any(axis=(1, 2), keepdims=True), lit, plain) & inside
+    which = (2 * np.arange(len(patterns))[:, None, None] + (values > 0))[use]
+    kinds, paint = np.unique(which, return_inverse=True)
+    level = np.log(np.maximum(bare[use], 0) + np.float32(BALL.dim)).astype(np.float64)
+    there = np.broadcast_to(points, bare.shape)[use]
+    rows = np.column_stack(basis(*there.T)).astype(np.float64)
+    shows = 1 - BALL.dim * np.exp(-level).mean(axis=1)
+    even, trust = np.zeros((8, 3)), shows
+    for _ in range(BALL.rounds):
+        even = _solved(rows, level, paint, trust)
+        left = level - rows @ even
+        off = np.abs(left - _each(np.median, left, paint)[paint]).max(axis=1)
+        trust = shows / np.maximum(off / BALL.odd, 1)
+    colours = np.stack([pattern.colours for pattern in patterns]).reshape(-1, 3)
+    colours[kinds] = _each(np.median, np.maximum(bare[use], 0) * np.exp(-rows @ even), paint)
+    tone = np.log(colours + np.float32(BALL.dim))
+    grey = tone.mean(axis=1, keepdims=True)
+    alike = np.abs((tone - grey)[:, None] - (tone - grey)).max(axis=2) < BALL.alike
+    alike &= np.abs(grey - grey.T) < BALL.contrast
+    most = alike[alike.sum(axis=1).argmax()]
+    if 2 * most.sum() > len(patterns):
+        seen = np.bincount(which, minlength=len(colours))[most] + BALL.dim
+        colours[most] = np.average(colours[most], axis=0, weights=seen)
+    pairs = colours.reshape(-1, 2, 3)
+    return even.astype(np.float32), [replace(p, colours=c) for p, c in zip(patterns, pairs, strict=True)]
+
+
+def _usual(pictures: F32, *known: NDArray[np.bool_]) -> F32:
+    """(h, w, 3) medians of pictures (n, h, w, 3) over the first of `known` that any is of; else their least."""
+    found = pictures.min(axis=0)
+    for where in reversed(known):
+        there = where.any(axis=0)
+        found = np.where(there, np.nanmedian(np.where(where | ~there, pictures, np.nan), axis=0), found)
+    return np.asarray(found, np.float32)
 
 
 def equal_area(skin: F32, center: Array, radius: float, pattern: Pattern | None) -> list[F32]:

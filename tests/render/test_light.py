@@ -496,15 +496,18 @@ def test_the_far_side_of_a_pool_ball_has_a_smooth_band_and_a_number_that_reads(n
 
 
 def test_lamps_stay_on_balls_and_neighbours_do_not() -> None:
-    """Of six balls, each reflects another one beside it and one lamp, which their discs hide in part."""
+    """Of three pairs, each ball reflects the other one and one lamp, which their discs hide in part."""
     balls, photos = [], []
     for k in range(6):
         photo, _, normals = pool_ball(np.eye(3), float(k))
         lamp = reflected(normals, (-0.25, -0.3, 0.9), 0.12, [1.0, 1.0, 1.0])
-        angle = 1.0 * k
-        lent = reflected(normals, (np.cos(angle), np.sin(angle), 0.6), 0.2, [0.12, 0.09, 0.05])
+        angle = k // 2 + np.pi * (k % 2)
+        way = np.array([np.cos(angle), np.sin(angle)])
+        lent = reflected(normals, (*way, 0.6), 0.2, [0.12, 0.09, 0.05])
         photos.append(np.minimum(photo + lamp + lent, 1))
+        x, y = np.array([500.0 * (k // 2), 0.0]) - 20 * way  # they touch
         balls.append(ball_from_photo(photos[-1], (0, 0), (25.0, 25.0), 20.0, SUN, View.TOP))
+        balls[-1] = replace(balls[-1], center=(x + 25, y + 25), corner=(x, y))
     for ball in in_one_light(balls):
         assert ball.gloss[lamp.max(-1) > 0].mean() > 0.5
         assert ball.gloss[cv2.dilate(lamp.max(-1), np.ones((9, 9))) == 0].max() < 0.02
