@@ -169,7 +169,7 @@ class Sides:
 MARGIN = 2  # px of nothing around a sprite, so that interpolation fades to nothing
 
 
-TRUST = (0.3, 0.8)
+TRUST = (0.15, 0.55)
 """Coverage up to which a pixel's own light is a guess, and from which it is the photo less the background."""
 
 

@@ -161,16 +161,9 @@ def _search(picture: _Picture, light: LightGuess) -> tuple[ShadowSetting, float,
     """The best light, its correlation and factor: coordinate steps from several directions."""
     h, w = picture.dark.shape
     start = ShadowSetting(light.light, 4.0, True, 0.1, inf, (w, h))
-    tries = [
-        (picture.score(one)[0], k, one) for k, one in enumerate(_starts(start)) if _allowed(one, light)
-    ]
-    best = [setting for _, _, setting in sorted(tries, key=lambda t: (-t[0], t[1]))[:2]]
-    found = [(start, *picture.score(start)), *(_climb(setting, picture, light) for setting in best)]
-    return max(found, key=lambda one: one[1])
-
-
-def _allowed(setting: ShadowSetting, light: LightGuess) -> bool:
-    return deviation_penalty(setting.light, light) < inf
+    tries = [one for one in _starts(start) if deviation_penalty(one.light, light) < inf]
+    best = sorted(tries, key=lambda one: -picture.score(one)[0])[:2]
+    return max((_climb(one, picture, light) for one in best), key=lambda found: found[1])
 
 
 def _climb(
@@ -180,7 +173,7 @@ def _climb(
     now = (setting, *picture.score(setting))
     for _ in range(2):
         for other in _steps(now[0], step):
-            if _allowed(other, light):
+            if deviation_penalty(other.light, light) < inf:
                 score, factor = picture.score(other)
                 if score > now[1]:
                     now = (other, score, factor)
