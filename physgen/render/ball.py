@@ -60,12 +60,11 @@ class BallTuning:
     explained: float = 0.8  # of the pixels, by a pattern that a ball is painted with
     contrast: float = 1.0  # of log light in some channel: shades of one paint differ less
     together: int = 5  # balls, at least, that tell lamps from their neighbours
-    lent: float = (
-        0.05  # share of a normal's light, by which a neighbour changes it, at most, where it is alone
-    )
+    usual: float = 35.0  # percentile of what balls show: neighbours and errors add more often than they take
+    lent: float = 0.05  # share of a normal's light that a neighbour may change, where a ball is alone
     beyond: float = 1.1  # of a neighbour's radius: a ray that passes so far from its middle does not meet it
     dark: float = 0.1  # linear light up to which paint shows what is mirrored on it
-    alike: float = 0.4  # of log light: paints of several balls whose hues differ less are one
+    alike: float = 0.25  # of log light: paints of several balls whose hues differ less are one
     beside: float = 0.4  # of the way between two paints: what is farther off it is neither
     gloss_cosine: float = 0.80  # of the angle between a highlight's normal and the mirror's direction
 
@@ -435,14 +434,11 @@ def in_one_light(balls: Sequence[Ball]) -> list[Ball]:
     shared = replace(shared, even=even)
     shade = shared.shade(*np.moveaxis(points, 2, 0))
     model = np.stack([one.painted(points, 1 / half) for one in patterns]) * shade
-    both = np.stack([one.colours.sum(axis=0) for one in patterns])[:, None, None] * shade
-    away, other = (np.abs(seen - one).max(axis=3) for one in (model, both - model))
-    wrong = np.moveaxis(other < BALL.beside * away, 0, 2).astype(np.uint8)  # what a pattern has not
-    plain &= np.moveaxis(cv2.dilate(wrong, np.ones((3, 3), np.uint8)), 2, 0) == 0
-    clear &= plain
     # what is mirrored shows on dark paint, light on bright paint
     dim = model < BALL.dark
     gloss = np.maximum(_usual(seen - model, clear[..., None] & dim, plain[..., None] & dim), 0)
+    most = np.median(np.where(seen.min(axis=3, keepdims=True) > BALL.clipped, 1, seen - model), axis=0)
+    gloss = np.where(points[..., 2:] ** 2 > 0.5, np.clip(most, 0, gloss), gloss)
     share = np.clip((seen - gloss) / np.maximum(model, BALL.dim), 1 / BALL.fades, BALL.fades)
     share = _usual(share, clear[..., None] & ~dim, np.ones_like(dim)).mean(axis=2)
     fade = np.where(np.hypot(points[..., 0], points[..., 1]) > BALL.rim_light, share, np.float32(1))
@@ -519,7 +515,9 @@ def _shared_light(
         off = np.abs(left - _each(np.median, left, paint)[paint]).max(axis=1)
         trust = shows / np.maximum(off / BALL.odd, 1)
     colours = np.stack([pattern.colours for pattern in patterns]).reshape(-1, 3)
-    colours[kinds] = _each(np.median, np.maximum(bare[use], 0) * np.exp(-rows @ even), paint)
+    left = np.maximum(bare[use], 0) * np.exp(-rows @ even)
+    low, middle = (_each(lambda part, axis, q=q: np.quantile(part, q, axis), left, paint) for q in (0.2, 0.5))
+    colours[kinds] = np.where(middle < BALL.dark, low, middle)  # of dark paint some mirrors more
     tone = np.log(colours + np.float32(BALL.dim))
     grey = tone.mean(axis=1, keepdims=True)
     alike = np.abs((tone - grey)[:, None] - (tone - grey)).max(axis=2) < BALL.alike
@@ -534,11 +532,13 @@ def _shared_light(
 
 
 def _usual(pictures: F32, *known: NDArray[np.bool_]) -> F32:
-    """(h, w, 3) medians of pictures (n, h, w, 3) over the first of `known` that any is of; else their least."""
+    """(h, w, 3) what pictures (n, h, w, 3) have, of the first of `known` that two are of; else their least."""
     found = pictures.min(axis=0)
     for where in reversed(known):
-        there = where.any(axis=0)
-        found = np.where(there, np.nanmedian(np.where(where | ~there, pictures, np.nan), axis=0), found)
+        there = where.sum(axis=0) > 1
+        found = np.where(
+            there, np.nanpercentile(np.where(where | ~there, pictures, np.nan), BALL.usual, axis=0), found
+        )
     return np.asarray(found, np.float32)
 
 
