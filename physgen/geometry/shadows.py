@@ -377,7 +377,7 @@ def shadow_on_table(what: Silhouette, setting: ShadowSetting) -> tuple[PixelBox,
             return None
         x = (np.arange(box[0], box[2], dtype=np.float32) - np.float32(cx))[None, :]
         y = (np.arange(box[1], box[3], dtype=np.float32) - np.float32(cy))[:, None]
-        blocked = blocked_by_ball(r, setting, x, y, np.float32(-r))
+        blocked = blocked_by_ball(r, setting, x, y, -r)
         # cosine-weighted solid angle of a sphere that lies on the table
         near = np.float32(r * r) / (x * x + y * y + np.float32(r * r))
         hidden = near * np.sqrt(near) * faded_out(x, y, 2.2 * r)
