@@ -60,7 +60,7 @@ class BallTuning:
     explained: float = 0.8  # of the pixels, by a pattern that a ball is painted with
     contrast: float = 1.0  # of log light in some channel: shades of one paint differ less
     together: int = 5  # balls, at least, that tell lamps from their neighbours
-    usual: float = 35.0  # percentile of what balls show: neighbours and errors add more often than they take
+    usual: float = 0.35  # quantile of what balls show: neighbours and errors add more often than they take
     lent: float = 0.05  # share of a normal's light that a neighbour may change, where a ball is alone
     beyond: float = 1.1  # of a neighbour's radius: a ray that passes so far from its middle does not meet it
     dark: float = 0.1  # linear light up to which paint shows what is mirrored on it
@@ -535,10 +535,9 @@ def _usual(pictures: F32, *known: NDArray[np.bool_]) -> F32:
     """(h, w, 3) what pictures (n, h, w, 3) have, of the first of `known` that two are of; else their least."""
     found = pictures.min(axis=0)
     for where in reversed(known):
-        there = where.sum(axis=0) > 1
-        found = np.where(
-            there, np.nanpercentile(np.where(where | ~there, pictures, np.nan), BALL.usual, axis=0), found
-        )
+        ordered = np.sort(np.where(where, pictures, np.float32(np.inf)), axis=0)
+        place = np.rint(BALL.usual * np.maximum(where.sum(axis=0) - 1, 0)).astype(np.int64)
+        found = np.where(where.sum(axis=0) > 1, np.take_along_axis(ordered, place[None], axis=0)[0], found)
     return np.asarray(found, np.float32)
 
 

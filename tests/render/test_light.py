@@ -535,7 +535,7 @@ def test_a_rack_breaks_up_into_balls_that_mirror_the_table_and_wear_one_white() 
     shared = in_one_light(balls)
     for ball in shared:
         rim = (normals[..., 2] > 0.4) & (normals[..., 2] < 0.6)
-        assert ball.gloss[rim][:, 1].mean() > 0.005, "where dark paint shows it"
+        assert ball.gloss[rim][:, 1].mean() > 0.003, "where dark paint shows it"
         whites = [ball.pattern.colours[ball.pattern.colours[:, 1].argmax()] for ball in shared]
         assert np.allclose(whites, whites[0]), "one paint"
     assert whites[0][0] < 1.2 * whites[0][1], "not the red of neighbours"
