@@ -1,7 +1,7 @@
 """Cast shadows of a silhouette on a floor, an upright wall or a table, under one distant light of some width.
 
 A surface that gets the share d of its light directly, of which v is blocked, and of whose sky the part a is hidden,
-keeps (1 - d v) (1 - (1 - d) a) of it. Negative logarithms of such shares ("darkness") add up over objects. A point of
+keeps 1 - d v - (1 - d) a of it. Negative logarithms of such shares ("darkness") add up over objects. A point of
 a floor is dark where its ray to the light meets the object: a ball, or a silhouette that reaches evenly through the
 plane of motion; the higher it meets it, the softer the shadow.
 """
@@ -134,9 +134,7 @@ def clipped_box(box: tuple[float, float, float, float], size: tuple[int, int]) -
 
 def attenuation(direct: float, blocked: F32, hidden: F32) -> F32:
     """-log of the light that is left where so much of direct and ambient light is taken away."""
-    left = (1 - np.float32(direct * MOST_BLOCKED) * blocked) * (
-        1 - np.float32((1 - direct) * MOST_BLOCKED) * hidden
-    )
+    left = 1 - np.float32(MOST_BLOCKED) * (np.float32(direct) * blocked + np.float32(1 - direct) * hidden)
     return np.asarray(-np.log(left), np.float32)
 
 
@@ -354,7 +352,10 @@ def _sky(what: Silhouette, at: FloorContact, xs: F32, z: F32) -> F32:
 
 
 def shadow_on_table(what: Silhouette, setting: ShadowSetting) -> tuple[PixelBox, F32] | None:
-    """Box of the photo and (h, w) -log of the light that is left; None where it lies outside the photo."""
+    """Box of the photo and (h, w) -log of the light that is left; None where it lies outside the photo.
+
+    Of the sky that an object hides beside its shadow, less is missed in the shadow: table and object light each other.
+    """
     lx, ly, lz = setting.light.direction
     rise = max(lz, LEAST_LIGHT_HEIGHT)
     ax, ay = -lx / rise, -ly / rise  # px of shadow for each px of height
@@ -376,15 +377,11 @@ def shadow_on_table(what: Silhouette, setting: ShadowSetting) -> tuple[PixelBox,
             return None
         x = (np.arange(box[0], box[2], dtype=np.float32) - np.float32(cx))[None, :]
         y = (np.arange(box[1], box[3], dtype=np.float32) - np.float32(cy))[:, None]
-        # a point sees the light past the sphere by how far its ray to the light passes the centre
-        px, py = x - np.float32(ax * r), y - np.float32(ay * r)
-        along = px * np.float32(lx) + py * np.float32(ly)
-        miss = np.sqrt(np.maximum(px * px + py * py - along * along, 0)) - np.float32(r)
-        width = np.float32(max(0.35, soft * rise))
-        blocked = 1 / (1 + np.exp(np.clip(miss / (0.6 * width), -30, 30)))
+        blocked = blocked_by_ball(r, setting, x, y, -r)
         # cosine-weighted solid angle of a sphere that lies on the table
         near = np.float32(r * r) / (x * x + y * y + np.float32(r * r))
-        return box, attenuation(direct, blocked, near * np.sqrt(near) * faded_out(x, y, 2.2 * r))
+        hidden = near * np.sqrt(near) * faded_out(x, y, 2.2 * r)
+        return box, attenuation(direct, blocked, hidden * (1 - np.float32(direct) * blocked))
     h, w = what.coverage.shape
     t = what.thick
     most = penumbra_width(setting, t, rise)
@@ -408,7 +405,7 @@ def shadow_on_table(what: Silhouette, setting: ShadowSetting) -> tuple[PixelBox,
         )
         np.maximum(blocked, cast, out=blocked)
     hidden = 0.9 * moved_silhouette(what, box, 0, 0, max(0.4, 0.35 * t))
-    return box, attenuation(direct, blocked, hidden)
+    return box, attenuation(direct, blocked, hidden * (1 - np.float32(direct) * blocked))
 
 
 def shadow_on_wall(what: Silhouette, setting: ShadowSetting) -> tuple[PixelBox, F32] | None:

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from physgen.geometry.raster import double_resolution
-from physgen.render.ball import F32, RIM, Array, Ball, equal_area
+from physgen.render.ball import F32, RIM, Array, Ball, Pattern
 from physgen.render.shadow_decomposition import CastShadow
 from physgen.render.sprites import Sprite
 from physgen.render.stage import Placement, Slices, SpritePose
@@ -86,6 +86,29 @@ def warp_picture(picture: F32, x: F32, y: F32) -> F32:
     """(h, w[, 4]) of a picture (H, W[, 4]) at px `x`, `y` (h, w)."""
     found = cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
     return np.asarray(found, np.float32)
+
+
+def equal_area(skin: F32, center: Array, radius: float, pattern: Pattern | None) -> list[F32]:
+    """(h, w, 3) near and far side of a `skin` (h, w, 3) in Lambert's azimuthal equal-area projection, each as seen from
+    the photo's side.
+
+    There the rim, which the photo hardly shows, is wide.
+    """
+    x, y = ((np.arange(size) - c) / radius for size, c in zip(skin.shape[1::-1], center, strict=True))
+    u, v = np.meshgrid(x, y)
+    z = np.maximum(1 - u * u - v * v, -1)
+    out = np.sqrt(1 + z)
+    found = []
+    for side in (1, -1):
+        points = np.dstack([out * u, out * v, side * z])
+        share, there = np.ones((1, 1, 1), np.float32), side * points
+        if pattern is not None:
+            share, there = pattern.written(points, 1 / radius)
+        px, py = (np.asarray(c + radius * there[..., k], np.float32) for k, c in enumerate(center))
+        seen = cv2.remap(skin, px, py, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        plain = seen if pattern is None else pattern.painted(points, 2 / radius)
+        found.append(np.asarray(plain + share * (seen - plain), np.float32))
+    return found
 
 
 class BallSprites:

@@ -60,8 +60,11 @@ class BallTuning:
     explained: float = 0.8  # of the pixels, by a pattern that a ball is painted with
     contrast: float = 1.0  # of log light in some channel: shades of one paint differ less
     together: int = 5  # balls, at least, that tell lamps from their neighbours
-    most_show: float = 70.0  # percentile of what they reflect that a lamp does
-    lamps: float = 0.05  # of a ball's width, by which that may lie elsewhere on each
+    usual: float = 0.35  # quantile of what balls show: neighbours and errors add more often than they take
+    lent: float = 0.05  # share of a normal's light that a neighbour may change, where a ball is alone
+    beyond: float = 1.1  # of a neighbour's radius: a ray that passes so far from its middle does not meet it
+    dark: float = 0.1  # linear light up to which paint shows what is mirrored on it
+    alike: float = 0.25  # of log light: paints of several balls whose hues differ less are one
     beside: float = 0.4  # of the way between two paints: what is farther off it is neither
     gloss_cosine: float = 0.80  # of the angle between a highlight's normal and the mirror's direction
 
@@ -274,6 +277,7 @@ class Ball:
     gloss: F32
     """(h, w, 3) linear, of either sign: highlights, and what skin and Lambert's law do not tell; it does not turn."""
     light: DistantLight
+    seen: F32  # (h, w, 3) linear light in the photo, carried outwards from the rim
     even: F32 | None = None  # (8, 3) of `paints.basis`: log of what light does beyond Lambert's law
     trust: float = 1.0  # 0..1: how far the photo shows this light on it; power of Lambert's shading
     pattern: Pattern | None = None  # of a ball that is seen from above
@@ -341,7 +345,7 @@ def ball_from_photo(
     y = sv * np.float32(radius) + np.float32(center[1] - corner[1])
     inner = np.asarray(cv2.remap(colour, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32)
     shine = _gloss(inner, su, sv, z, radius, light)
-    ball = Ball(corner, center, radius, inner, shine, light)
+    ball = Ball(corner, center, radius, inner, shine, light, inner)
     ball = replace(ball, trust=_shown(inner - shine, sphere_shading(light, su, sv, z), rho < RIM))
     bare = np.ascontiguousarray((inner - shine) / ball.shade(su, sv, z), np.float32)
     ball = replace(ball, skin=bare)
@@ -354,7 +358,7 @@ def ball_from_photo(
         cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
         paint = np.argmin([np.abs(seen - c).max(axis=2) for c in found.colours], axis=0).astype(np.uint8)
         flat = found.colours[cv2.medianBlur(paint, 3)]  # without what is narrower than 2 px
-        points, pattern = np.stack(np.broadcast_arrays(su, sv, z), axis=-1), None
+        points, pattern = _points(colour.shape, corner, center, radius), None
         if view is View.TOP:
             use = (rho < RIM) & (shine.max(axis=2) <= 0)
             pattern = find_pattern(seen[use], found.colours, points[use])
@@ -369,8 +373,7 @@ def ball_from_photo(
             soft = blurred_share(bare.mean(axis=2), flat.mean(axis=2), inside, BALL.smooth * radius)
             bare = bare / soft[..., None]
         else:
-            ink = np.minimum(bare, pattern.colours.max(axis=0))
-            bare = flat + pattern.written(points, 1 / radius)[0] * (ink - flat)
+            bare = _painted(replace(ball, gloss=shine, pattern=pattern)).skin
         ball = replace(ball, skin=bare, gloss=shine, pattern=pattern)
     if _plain(bare, su, sv, z, rho < RIM):
         # a ball of one colour looks the same however it has turned: all that is uneven is light, and stays
@@ -410,60 +413,132 @@ def blurred_share(seen: F32, model: F32, weight: F32, sigma: float) -> F32:
 
 
 def in_one_light(balls: Sequence[Ball]) -> list[Ball]:
-    """Painted balls with what they reflect of lamps, which show at the same normals of all: not their neighbours, nor
-    highlights that are cut off where paint is as bright."""
+    """Painted balls in the light that they share, by what all show where no neighbour is near or mirrored: how bright
+    each normal is, and what it mirrors of lamps, windows and the table. The paint that most of them wear is one."""
     painted = [ball for ball in balls if ball.pattern is not None]
     if len(painted) < BALL.together:
         return list(balls)
     half = max(round(ball.radius) for ball in painted)
-
-    def sampled(picture: F32, size: Sequence[int], scale: float, shift: Array) -> F32:
-        """Of a picture, at `scale` times the columns and rows of `size`, and `shift`."""
-        matrix = np.column_stack([scale * np.eye(2), shift])
-        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        return np.asarray(cv2.warpAffine(picture, matrix, (size[0], size[1]), flags=flags), np.float32)
-
-    middles = [np.subtract(ball.center, ball.corner) for ball in painted]
     side = (2 * half + 1, 2 * half + 1)
-    shines = [
-        sampled(ball.gloss, side, ball.radius / half, middle - ball.radius)
+    points = _points(side, (0, 0), (half, half), half)
+    middles = [np.subtract(ball.center, ball.corner) for ball in painted]
+    shown = [
+        (_sampled(ball.seen, side, ball.radius / half, middle - ball.radius), *_open(points, ball, balls))
         for ball, middle in zip(painted, middles, strict=True)
     ]
-    shared = np.percentile(shines, BALL.most_show, axis=0).astype(np.float32)
-    usual = min(shines, key=lambda shine: float(np.abs(shine - shared).sum()))
-    reach = np.ones((2 * round(2 * BALL.lamps * half) + 1,) * 2, np.uint8)
-    most, level = (picture.mean(axis=2, keepdims=True) for picture in (cv2.dilate(shared, reach), usual))
-    usual = usual * np.minimum(most / np.maximum(level, 1e-6), 1)
-    found = {
-        id(ball): sampled(
-            usual, ball.gloss.shape[1::-1], half / ball.radius, half - middle * half / ball.radius
-        )
-        for ball, middle in zip(painted, middles, strict=True)
-    }
-    return [replace(ball, gloss=found.get(id(ball), ball.gloss)) for ball in balls]
+    seen, lit, clear, plain = (np.stack(part) for part in zip(*shown, strict=True))
+    shared = replace(painted[0], trust=float(np.median([ball.trust for ball in painted])), even=None)
+    patterns = [ball.pattern for ball in painted if ball.pattern is not None]
+    shade = shared.shade(*np.moveaxis(points, 2, 0))
+    even, patterns = _shared_light(seen / shade, points, lit, patterns)
+    shared = replace(shared, even=even)
+    shade = shared.shade(*np.moveaxis(points, 2, 0))
+    model = np.stack([one.painted(points, 1 / half) for one in patterns]) * shade
+    # what is mirrored shows on dark paint, light on bright paint
+    dim = model < BALL.dark
+    gloss = np.maximum(_usual(seen - model, clear[..., None] & dim, plain[..., None] & dim), 0)
+    most = np.median(np.where(seen.min(axis=3, keepdims=True) > BALL.clipped, 1, seen - model), axis=0)
+    gloss = np.where(points[..., 2:] ** 2 > 0.5, np.clip(most, 0, gloss), gloss)
+    share = np.clip((seen - gloss) / np.maximum(model, BALL.dim), 1 / BALL.fades, BALL.fades)
+    share = _usual(share, clear[..., None] & ~dim, np.ones_like(dim)).mean(axis=2)
+    fade = np.where(np.hypot(points[..., 0], points[..., 1]) > BALL.rim_light, share, np.float32(1))
+    found = {}
+    for ball, middle, pattern in zip(painted, middles, patterns, strict=True):
+        size, scale = ball.skin.shape[1::-1], half / ball.radius
+        shine, rim = (_sampled(part, size, scale, half - scale * middle) for part in (gloss, fade))
+        one = replace(ball, gloss=shine, fade=rim, even=even, trust=shared.trust, pattern=pattern)
+        found[id(ball)] = _painted(one)
+    return [found.get(id(ball), ball) for ball in balls]
 
 
-def equal_area(skin: F32, center: Array, radius: float, pattern: Pattern | None) -> list[F32]:
-    """(h, w, 3) near and far side of a `skin` (h, w, 3) in Lambert's azimuthal equal-area projection, each as seen from
-    the photo's side.
+def _painted(ball: Ball) -> Ball:
+    """A ball `seen` in the photo with the skin of its pattern, and what is written on it."""
+    assert ball.pattern is not None
+    points = _points(ball.skin.shape, ball.corner, ball.center, ball.radius)
+    flat, ink = ball.pattern.painted(points, 1 / ball.radius), (ball.seen - ball.gloss) / ball.lit
+    ink = np.clip(ink, 0, ball.pattern.colours.max(axis=0)) - flat
+    skin = flat + ball.pattern.written(points, 1 / ball.radius)[0] * ink
+    return replace(ball, skin=np.asarray(skin, np.float32))
 
-    There the rim, which the photo hardly shows, is wide.
-    """
-    x, y = ((np.arange(size) - c) / radius for size, c in zip(skin.shape[1::-1], center, strict=True))
-    u, v = np.meshgrid(x, y)
-    z = np.maximum(1 - u * u - v * v, -1)
-    out = np.sqrt(1 + z)
-    found = []
-    for side in (1, -1):
-        points = np.dstack([out * u, out * v, side * z])
-        share, there = np.ones((1, 1, 1), np.float32), side * points
-        if pattern is not None:
-            share, there = pattern.written(points, 1 / radius)
-        px, py = (np.asarray(c + radius * there[..., k], np.float32) for k, c in enumerate(center))
-        seen = cv2.remap(skin, px, py, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        plain = seen if pattern is None else pattern.painted(points, 2 / radius)
-        found.append(np.asarray(plain + share * (seen - plain), np.float32))
-    return found
+
+def _points(
+    shape: tuple[int, ...], corner: tuple[int, int], center: tuple[float, float], radius: float
+) -> NDArray[Any]:
+    """(h, w, 3) normals, as `normals_within`."""
+    return np.stack(np.broadcast_arrays(*normals_within(shape, corner, center, radius)[:3]), axis=-1)
+
+
+def _sampled(picture: F32, size: Sequence[int], scale: float, shift: Array) -> F32:
+    """Of a picture, at `scale` times the columns and rows of `size`, and `shift`."""
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    matrix = np.column_stack([scale * np.eye(2), shift])
+    moved = cv2.warpAffine(picture, matrix, (size[0], size[1]), flags=flags, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(moved, np.float32)
+
+
+def _open(points: NDArray[Any], ball: Ball, balls: Sequence[Ball]) -> list[NDArray[np.bool_]]:
+    """(h, w) where no other ball gives a ball's normals (h, w, 3) much light, where they mirror none, and either: where
+    its pattern has one paint, and nothing is written on it."""
+    assert ball.pattern is not None
+    plain = (np.abs(ball.pattern.values(points)) > BALL.even) & (
+        ball.pattern.written(points, 1e-3)[0][..., 0] == 0
+    )
+    lit, clear = plain.copy(), plain.copy()
+    mirrored = 2 * points[..., 2:] * points - np.array([0, 0, 1], np.float32)
+    for other in balls:
+        way = np.append(np.subtract(other.center, ball.center), other.radius - ball.radius) / ball.radius
+        far, size = float(np.linalg.norm(way)), other.radius / ball.radius
+        if far > 0:
+            off = way - points
+            along = (off * mirrored).sum(axis=2)
+            lit &= (points @ way) * (size**2 / far**3) < BALL.lent
+            clear &= (along < 0) | ((off * off).sum(axis=2) - along**2 > (BALL.beyond * size) ** 2)
+    return [lit if lit.any() else plain, clear, plain]
+
+
+def _shared_light(
+    bare: NDArray[Any], points: NDArray[Any], lit: NDArray[np.bool_], patterns: Sequence[Pattern]
+) -> tuple[F32, list[Pattern]]:
+    """(8, 3) weights of `basis` of the light on all balls, whose light over Lambert's shading is `bare` (n, h, w, 3),
+    from where they are `lit` (n, h, w); and the patterns with their colours in it."""
+    values = np.stack([pattern.values(points) for pattern in patterns])
+    use = lit & (np.hypot(points[..., 0], points[..., 1]) < 0.99 * RIM)
+    which = (2 * np.arange(len(patterns))[:, None, None] + (values > 0))[use]
+    kinds, paint = np.unique(which, return_inverse=True)
+    level = np.log(np.maximum(bare[use], 0) + np.float32(BALL.dim)).astype(np.float64)
+    rows = np.column_stack(basis(*np.broadcast_to(points, bare.shape)[use].T)).astype(np.float64)
+    shows = 1 - BALL.dim * np.exp(-level).mean(axis=1)
+    even, trust = np.zeros((8, 3)), shows
+    for _ in range(BALL.rounds):
+        even = _solved(rows, level, paint, trust)
+        left = level - rows @ even
+        off = np.abs(left - _each(np.median, left, paint)[paint]).max(axis=1)
+        trust = shows / np.maximum(off / BALL.odd, 1)
+    colours = np.stack([pattern.colours for pattern in patterns]).reshape(-1, 3)
+    left = np.maximum(bare[use], 0) * np.exp(-rows @ even)
+    low, middle = (_each(lambda part, axis, q=q: np.quantile(part, q, axis), left, paint) for q in (0.2, 0.5))
+    colours[kinds] = np.where(middle < BALL.dark, low, middle)  # of dark paint some mirrors more
+    tone = np.log(colours + np.float32(BALL.dim))
+    grey = tone.mean(axis=1, keepdims=True)
+    alike = np.abs((tone - grey)[:, None] - (tone - grey)).max(axis=2) < BALL.alike
+    alike &= np.abs(grey - grey.T) < BALL.contrast
+    most = alike[alike.sum(axis=1).argmax()]
+    if 2 * most.sum() > len(patterns):
+        seen = np.bincount(which, minlength=len(colours))[most] + BALL.dim
+        colours[most] = np.average(colours[most], axis=0, weights=seen)
+    return even.astype(np.float32), [
+        replace(pattern, colours=colours[2 * k : 2 * k + 2]) for k, pattern in enumerate(patterns)
+    ]
+
+
+def _usual(pictures: F32, *known: NDArray[np.bool_]) -> F32:
+    """(h, w, 3) what pictures (n, h, w, 3) have, of the first of `known` that two are of; else their least."""
+    found = pictures.min(axis=0)
+    for where in reversed(known):
+        ordered = np.sort(np.where(where, pictures, np.float32(np.inf)), axis=0)
+        place = np.rint(BALL.usual * np.maximum(where.sum(axis=0) - 1, 0)).astype(np.int64)
+        found = np.where(where.sum(axis=0) > 1, np.take_along_axis(ordered, place[None], axis=0)[0], found)
+    return np.asarray(found, np.float32)
 
 
 def _plain(bare: F32, u: F32, v: F32, z: F32, inside: NDArray[np.bool_]) -> bool:

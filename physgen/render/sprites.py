@@ -295,7 +295,7 @@ def cut_sprites(
         rim = mine & ~gaps & dilate(~mine, CUT.clean)
         plain = not disc and rim.any() and photo[box][rim].mean() > photo[box][mine].mean() / 2
         lit = np.where(gaps & plain, np.maximum(facing, 0), 0).astype(np.float32)
-        light = _foreground(photo[box], behind[box], mine, alpha, share, lit)
+        light = _foreground(photo[box], behind[box], mine, alpha, share, lit, disc)
         if k in hidden or (dilate(by, CUT.clean) & mine).any():
             part = hidden.get(k) or _Hidden(boxes[k + 1], labels[box], np.zeros_like(alpha), none, by)
             light, alpha = _completed(photo[box], mine, light, alpha, coverage[box], part, lit, disc)
@@ -560,11 +560,11 @@ def _boxes(labels: U16) -> dict[int, tuple[int, int, int, int]]:
     return {k: (max(x0, 0), max(y0, 0), min(x1, width), min(y1, height)) for k, x0, y0, x1, y1 in boxes}
 
 
-def _foreground(photo: F32, behind: F32, mask: Mask, alpha: F32, share: F32, lit: F32) -> F32:
+def _foreground(photo: F32, behind: F32, mask: Mask, alpha: F32, share: F32, lit: F32, disc: bool) -> F32:
     """The object's own light times `alpha` (h, w, 3): the photo less what shows through of the background.
 
     Where little of a pixel is the object's, and what is behind it is not well known, the light that is carried outwards
-    from inside bounds it. It has at least the share `lit` (h, w) of that.
+    from inside bounds it, less so of a `disc`, whose rim is darker. It has at least the share `lit` (h, w) of that.
     """
     inside = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 3)[1:-1, 1:-1]
     sure = (inside > CUT.clean) & (alpha >= 1.0) & (lit == 0)
@@ -583,7 +583,7 @@ def _foreground(photo: F32, behind: F32, mask: Mask, alpha: F32, share: F32, lit
         known |= new
     a = alpha[..., None]
     own = photo - (1 - a) * behind
-    trust = np.clip((a - TRUST[0]) / (TRUST[1] - TRUST[0]), 0, 1)
+    trust = np.clip(((1 + disc) * a - TRUST[0]) / (TRUST[1] - TRUST[0]), 0, 1)
     trust = trust * np.clip(10 * share - 9, 0, 1)[..., None]
     light = np.where(a > 0, trust * np.clip(own, 0, None) + (1 - trust) * a * filled, 0)
     return np.asarray(np.maximum(light, lit[..., None] * a * filled), np.float32)

@@ -8,6 +8,7 @@ import pytest
 
 from physgen import registry
 from physgen.geometry.polygon import Disc, Region, Ring
+from physgen.geometry.shadows import ShadowSetting, Silhouette, attenuation, shadow_on_table
 from physgen.perceive.roles import BoundaryGuess, LightGuess, PhotoObject, Shadows, Wall
 from physgen.perceive.shadow.shadow_removal import refill_background, remove_reflections, remove_shadows
 from physgen.photometry import DistantLight
@@ -386,3 +387,30 @@ def test_what_a_floor_mirrors_of_an_object_goes_and_the_floors_own_pattern_stays
     assert was > 20
     assert now < 8
     assert np.array_equal(clean[:, 100:], picture[:, 100:])
+
+
+def test_no_light_is_left_where_neither_lamp_nor_sky_is_seen() -> None:
+    one = np.ones((1, 1), np.float32)
+    assert np.exp(-attenuation(0.7, one, one)).item() < 0.03, "shares that are multiplied leave 0.21"
+    assert np.exp(-attenuation(0.7, one, 0 * one)).item() == pytest.approx(0.3, abs=0.03)
+
+
+def test_a_balls_shadow_on_a_table_is_as_soft_as_a_round_lamp_makes_it() -> None:
+    """Beside rays to points of the lamp's disc, counted; its far end is softer than where it begins."""
+    r, soft, size = 30.0, 12.0, (200, 200)
+    toward = np.array([-0.5, -0.3, (1 - 0.34) ** 0.5])
+    setting = ShadowSetting(DistantLight(tuple(toward), 1.0, 0.0), soft, True, 0.1, np.inf, size)
+    ball = Silhouette(np.ones((60, 60), np.float32), (50, 50), (80.0, 80.0), r, 2 * r, None)
+    (x0, y0, _, _), dark = shadow_on_table(ball, setting)
+    k = np.arange(400) + 0.5
+    across = np.linalg.svd(toward[None])[2][1:]
+    spread = np.tan(np.radians(soft)) * (k / 400) ** 0.5 * [np.cos(2.4 * k), np.sin(2.4 * k)]
+    rays = toward + spread.T @ across
+    rays /= np.linalg.norm(rays, axis=1)[:, None]
+    along = np.arange(30.0, 100.0, 2.0)  # px from the ball's foot, away from the lamp
+    way = -toward[:2] / np.linalg.norm(toward[:2])
+    points = np.column_stack([along[:, None] * way, np.full(len(along), -r)])
+    off = np.linalg.norm(np.cross(points[:, None], rays), axis=2) < r
+    there = np.rint(80 + along[:, None] * way).astype(int) - (x0, y0)
+    seen = 1 - np.exp(-dark[there[:, 1], there[:, 0]])
+    assert np.abs(seen - off.mean(axis=1)).mean() < 0.03

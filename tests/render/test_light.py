@@ -498,19 +498,49 @@ def test_the_far_side_of_a_pool_ball_has_a_smooth_band_and_a_number_that_reads(n
 
 
 def test_lamps_stay_on_balls_and_neighbours_do_not() -> None:
-    """Of six balls, each reflects another one beside it and one lamp, which their discs hide in part."""
+    """Of three pairs, each ball reflects the other one and one lamp, which their discs hide in part."""
     balls, photos = [], []
     for k in range(6):
         photo, _, normals = pool_ball(np.eye(3), float(k))
         lamp = reflected(normals, (-0.25, -0.3, 0.9), 0.12, [1.0, 1.0, 1.0])
-        angle = 1.0 * k
-        lent = reflected(normals, (np.cos(angle), np.sin(angle), 0.6), 0.2, [0.12, 0.09, 0.05])
+        angle = k // 2 + np.pi * (k % 2)
+        way = np.array([np.cos(angle), np.sin(angle)])
+        lent = reflected(normals, (*way, 0.6), 0.2, [0.12, 0.09, 0.05])
         photos.append(np.minimum(photo + lamp + lent, 1))
+        x, y = np.array([500.0 * (k // 2), 0.0]) - 20 * way  # they touch
         balls.append(ball_from_photo(photos[-1], (0, 0), (25.0, 25.0), 20.0, SUN, View.TOP))
+        balls[-1] = replace(balls[-1], center=(x + 25, y + 25), corner=(x, y))
     for ball in in_one_light(balls):
         assert ball.gloss[lamp.max(-1) > 0].mean() > 0.5
-        assert ball.gloss[cv2.dilate(lamp.max(-1), np.ones((9, 9))) == 0].max() < 0.02
+        assert ball.gloss[cv2.dilate(lamp.max(-1), np.ones((9, 9))) == 0].max() < 0.04, "a third of the neighbours'"
     assert sum(ball.pattern is not None for ball in balls) >= 5
+
+
+def test_a_rack_breaks_up_into_balls_that_mirror_the_table_and_wear_one_white() -> None:
+    """Of seven that touch, each shows the table where its mirrored ray meets no other one, and is lit by red ones."""
+    turns = np.radians(60 * np.arange(6))
+    places = np.vstack([[[0, 0]], 40 * np.column_stack([np.cos(turns), np.sin(turns)])])
+    balls = []
+    for k, place in enumerate(places):
+        photo, z, normals = pool_ball(np.eye(3), float(k))
+        ray = 2 * z[..., None] * normals - np.array([0, 0, 1.0])
+        table, lent = ray[..., 2] < 0, np.zeros_like(z)
+        for other in np.delete(places, k, axis=0):
+            way = np.append((other - place) / 20, 0)
+            nearest = way - normals - ((way - normals) * ray).sum(-1, keepdims=True) * ray
+            met = (np.linalg.norm(nearest, axis=-1) < 1) & (((way - normals) * ray).sum(-1) > 0)
+            table, lent = table & ~met, lent + np.maximum(normals @ way, 0) / np.linalg.norm(way) ** 3
+        light = 1 + 0.8 * lent[..., None] * np.array([1.0, 0.1, 0.1])
+        seen = photo * light + table[..., None] * np.array([0.0, 0.06, 0.02])
+        ball = ball_from_photo(seen.astype(np.float32), (0, 0), (25.0, 25.0), 20.0, SUN, View.TOP)
+        balls.append(replace(ball, center=tuple(place + 25), corner=tuple(place)))
+    shared = in_one_light(balls)
+    for ball in shared:
+        rim = (normals[..., 2] > 0.4) & (normals[..., 2] < 0.6)
+        assert ball.gloss[rim][:, 1].mean() > 0.003, "where dark paint shows it"
+        whites = [ball.pattern.colours[ball.pattern.colours[:, 1].argmax()] for ball in shared]
+        assert np.allclose(whites, whites[0]), "one paint"
+    assert whites[0][0] < 1.2 * whites[0][1], "not the red of neighbours"
 
 
 def test_soft_shade_where_a_neighbour_is_near_does_not_turn_and_dark_paint_does() -> None:

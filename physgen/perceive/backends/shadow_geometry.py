@@ -50,6 +50,7 @@ from physgen.photometry import DistantLight, decode, encode_u8, luminance
 from physgen.scene.scene import View
 
 COARSE = 176  # px: longer side of the picture in which the light is searched
+FINER = 3  # times as many px show how soft shadows' edges are
 SURE = 0.5  # correlation of predicted and seen darkness from which shadows are believed
 
 
@@ -81,6 +82,9 @@ def _geometry(
         if shade is None:
             return nothing
         return _remove_ambient(background, coverage, shade, at(1.0), light.light)
+    scale = max(max(background.shape[:2]) / (FINER * COARSE), 1.0)
+    picture = _coarse_picture(background, coverage, at(scale), scale)
+    setting, _, factor = _climb(replace(setting, size=picture.dark.shape[::-1]), picture, light, 1 / FINER)
     setting = replace(_matched(setting, factor), size=(labels.shape[1], labels.shape[0]))
     silhouettes = at(1.0)
     clean = lightened(background, *_seen_darkness(background, coverage, silhouettes, setting))
@@ -157,23 +161,23 @@ def _search(picture: _Picture, light: LightGuess) -> tuple[ShadowSetting, float,
     """The best light, its correlation and factor: coordinate steps from several directions."""
     h, w = picture.dark.shape
     start = ShadowSetting(light.light, 4.0, True, 0.1, inf, (w, h))
+    tries = [one for one in _starts(start) if deviation_penalty(one.light, light) < inf]
+    best = sorted(tries, key=lambda one: -picture.score(one)[0])[:2]
+    return max((_climb(one, picture, light) for one in best), key=lambda found: found[1])
 
-    def allowed(setting: ShadowSetting) -> bool:
-        return deviation_penalty(setting.light, light) < inf
 
-    found: tuple[ShadowSetting, float, float] = (start, *picture.score(start))
-    tries = [(picture.score(one)[0], k, one) for k, one in enumerate(_starts(start)) if allowed(one)]
-    for _, _, setting in sorted(tries, key=lambda t: (-t[0], t[1]))[:2]:
-        now = (setting, *picture.score(setting))
-        for _ in range(2):
-            for other in _steps(now[0]):
-                if allowed(other):
-                    score, factor = picture.score(other)
-                    if score > now[1]:
-                        now = (other, score, factor)
-        if now[1] > found[1]:
-            found = now
-    return found
+def _climb(
+    setting: ShadowSetting, picture: _Picture, light: LightGuess, step: float = 1.0
+) -> tuple[ShadowSetting, float, float]:
+    """As `_search`, from one setting on; changes of direction are `step` times the usual ones."""
+    now = (setting, *picture.score(setting))
+    for _ in range(2):
+        for other in _steps(now[0], step):
+            if deviation_penalty(other.light, light) < inf:
+                score, factor = picture.score(other)
+                if score > now[1]:
+                    now = (other, score, factor)
+    return now
 
 
 def _starts(setting: ShadowSetting) -> Iterator[ShadowSetting]:
@@ -185,15 +189,15 @@ def _starts(setting: ShadowSetting) -> Iterator[ShadowSetting]:
             yield with_direction(setting, (flat * cos(turn), flat * sin(turn), height))
 
 
-def _steps(setting: ShadowSetting) -> Iterator[ShadowSetting]:
-    """Neighbours of a setting, one number changed."""
+def _steps(setting: ShadowSetting, step: float) -> Iterator[ShadowSetting]:
+    """Neighbours of a setting, one number changed; directions by `step` times 0.15."""
     x, y, z = setting.light.direction
     for dx, dy, dz in ((0.15, 0, 0), (0, 0.15, 0), (0, 0, 0.15)):
         for sign in (1, -1, 0.4, -0.4):
-            new = np.array([x + sign * dx, y + sign * dy, z + sign * dz])
+            new = np.array([x, y, z]) + step * sign * np.array([dx, dy, dz])
             if new[2] > 0.1:
                 yield with_direction(setting, tuple(new / np.linalg.norm(new)))
-    for soft in (0.5, 2.0, 5.0, 10.0, 18.0, 28.0):
+    for soft in (0.5, 2.0, 4.0, 6.0, 8.0, 10.0, 14.0, 20.0, 28.0):
         yield replace(setting, softness=soft)
     for share in (0.15, 0.35, 0.6, 0.85):
         yield with_direct_share(setting, share)
