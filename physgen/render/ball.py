@@ -47,6 +47,7 @@ class BallTuning:
     smooth: float = 0.15  # of the radius over which what differs from the paints is light
     plain: float = 0.2  # departure of log light from an even change, up to which a ball is of one colour
     gloss_width: float = 0.5  # of the radius: what outshines all around over no more may be a highlight
+    line_width: float = 0.25  # of the radius: lines of a number have no more
     gloss_least: float = 0.6  # linear light that the dimmest channel of a highlight has at least
     outshines: float = 1.2  # times the brightest paint elsewhere on the ball that a highlight has at least
     clipped: float = 0.9  # linear light that hardly any paint sends back
@@ -560,9 +561,14 @@ def _gloss(colour: F32, u: F32, v: F32, z: F32, radius: float, light: DistantLig
     if length < 1e-6 or radius < 4:
         return np.zeros_like(colour)
     hx, hy, hz = (np.float32(c / length) for c in half)
-    side = 2 * max(1, round(BALL.gloss_width * radius / 2)) + 1
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
-    beneath = cv2.morphologyEx(colour, cv2.MORPH_OPEN, kernel, borderType=cv2.BORDER_REPLICATE)
+    # a bright disc with a number is as wide as the disc
+    line, wide = (
+        cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * max(1, round(width * radius / 2)) + 1,) * 2)
+        for width in (BALL.line_width, BALL.gloss_width)
+    )
+    beneath = cv2.morphologyEx(colour, cv2.MORPH_CLOSE, line, borderType=cv2.BORDER_REPLICATE)
+    beneath = cv2.morphologyEx(beneath, cv2.MORPH_OPEN, wide, borderType=cv2.BORDER_REPLICATE)
+    beneath = np.minimum(cv2.dilate(beneath, np.ones((3, 3), np.uint8)), colour)
     dimmest = colour.min(axis=2)
     near = hx * u + hy * v + hz * z > BALL.gloss_cosine
     core = (dimmest > BALL.gloss_least) & near

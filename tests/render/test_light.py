@@ -98,6 +98,28 @@ def test_a_highlight_stays_where_the_light_is() -> None:
     assert spun.min(-1).max() < 0.5, "none of it turned with the skin"
 
 
+def test_a_disc_with_a_number_near_the_highlight_turns() -> None:
+    """The strokes of the number leave no place in the disc that is as wide as a highlight."""
+    r, size = 40.0, (101, 101)
+    y, x = np.mgrid[:101, :101]
+    u, v = (x - 50) / r, (y - 50) / r
+    z = np.sqrt(np.maximum(1 - u * u - v * v, 0))
+
+    def ball_turned(angle):
+        across, down = np.cos(angle) * u + np.sin(angle) * v, np.cos(angle) * v - np.sin(angle) * u
+        disc = np.hypot(u, v) < 0.36
+        number = disc & ((np.abs(np.abs(across) - 0.12) < 0.04) | (np.abs(down) < 0.04)) & (np.hypot(u, v) < 0.3)
+        paint = np.where(disc[..., None], [0.93, 0.93, 0.9], [0.1, 0.02, 0.2])
+        paint[number] = 0.01
+        return (paint * (0.5 + 0.5 * z[..., None])).astype(np.float32)
+
+    light = replace(SUN, direction=(0.0, -0.2, 0.98))
+    ball = ball_from_photo(ball_turned(0.0), (0, 0), (50.0, 50.0), r, light, View.SIDE)
+    turn = cv2.Rodrigues(np.array([0.0, 0.0, 0.9]))[0]
+    found, expected = turned(ball, (50.0, 50.0), turn, size, (0, 0)) + ball.gloss, ball_turned(0.9)
+    assert np.abs(found - expected)[z > 0.6].mean() < 0.03
+
+
 def test_light_that_nobody_told_of_does_not_turn_with_a_painted_ball() -> None:
     """Two paints in stripes; a floor below lends light and colour that Lambert's law with one light has not."""
     r, size = 40.0, (101, 101)
@@ -511,7 +533,7 @@ def test_lamps_stay_on_balls_and_neighbours_do_not() -> None:
         balls.append(ball_from_photo(photos[-1], (0, 0), (25.0, 25.0), 20.0, SUN, View.TOP))
         balls[-1] = replace(balls[-1], center=(x + 25, y + 25), corner=(x, y))
     for ball in in_one_light(balls):
-        assert ball.gloss[lamp.max(-1) > 0].mean() > 0.5
+        assert ball.gloss[lamp.max(-1) > 0].mean() > 0.45
         assert ball.gloss[cv2.dilate(lamp.max(-1), np.ones((9, 9))) == 0].max() < 0.04, "a third of the neighbours'"
     assert sum(ball.pattern is not None for ball in balls) >= 5
 
