@@ -308,7 +308,8 @@ class _Playback:
     gravity: float = 9.8  # m/s²
     fall: float = 0.15  # of the photo's longer side: a fall over it gives the speed of a push
     crossing: float = 1.5  # s of the video in which a push crosses the photo, about
-    longest: float = 8.0  # s of the video in which all comes to rest, in less slow motion where that helps
+    longest: float = 2.5  # s of the video in which something moves, in less slow motion where that helps
+    pause: float = 0.5  # s of the video after that
 
 
 PLAYBACK = _Playback()

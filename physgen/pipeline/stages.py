@@ -89,11 +89,12 @@ def ended(scene: Scene, compiled: Compiled) -> Compiled:
     if not scene.world.until_rest:
         return compiled
     from physgen.compile.compile import frame_times
+    from physgen.geometry.scale import PLAYBACK
     from physgen.scene.scene import Solid
     from physgen.simulate.engine import Running
 
     slow = 1.0 if scene.render.frames is not None else scene.render.slow
-    world, pause, most = compiled.world, 0.5 / slow, scene.world.duration / slow
+    world, pause, most = compiled.world, PLAYBACK.pause / slow, scene.world.duration / slow
     reach = np.array([body.reach for body in world.bodies] or [0.0])
     ends = [
         body.solid is not Solid.SPHERE or body.rolling > 0 for body in world.bodies
