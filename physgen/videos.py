@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +19,16 @@ U8 = NDArray[np.uint8]
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff", ".ppm", ".pgm", ".pnm")
 """Of pictures in a folder; other files are passed over."""
+SIGNATURES = (
+    b"\x89PNG",
+    b"\xff\xd8\xff",
+    b"GIF8",
+    b"BM",
+    b"II*\0",
+    b"MM\0*",
+    *(b"P%d" % k for k in range(1, 7)),
+)
+"""First bytes by which pictures are recognised; those of WebP stand at byte 8. FFmpeg reads other ones."""
 ANIMATED = ("GIF", "WEBP", "PNG")
 """Formats of Pillow that may be animated; FFmpeg decodes no animated WebP."""
 DEFAULT_DURATION = 0.1
@@ -186,7 +195,8 @@ def is_picture(path: Path) -> bool:
     if not path.is_file():
         raise InputError.of(str(path), "", "no such file", "check the path")
     with path.open("rb") as file:
-        return file.read(4) == b"GIF8" or cv2.haveImageReader(str(path))
+        head = file.read(16)
+    return head.startswith(SIGNATURES) or head[8:12] == b"WEBP"
 
 
 def plays(picture: Path) -> bool:

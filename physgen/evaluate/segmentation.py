@@ -11,6 +11,7 @@ import io
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -308,7 +309,12 @@ def evaluate(
     """
     require_pycocotools()
     segment: Segment = backend if callable(backend) else registry.make("segment", backend)
-    collect(pair.read for pair in pairs)
+
+    def check(k: int, pair: Pair) -> None:
+        progress("read", k, len(pairs))
+        pair.read()
+
+    collect(partial(check, k, pair) for k, pair in enumerate(pairs))
     photos = []
     for k, pair in enumerate(pairs):
         progress(pair.name, k, len(pairs))

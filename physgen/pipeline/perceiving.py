@@ -217,8 +217,9 @@ def _set_in_motion(
 
     objects = dict(perceived.document["objects"])
     moving = {item.name: {"velocity": list(item.velocity)} for item in scene.objects if any(item.velocity)}
-    turned = not still and scene.record.world.get("view") not in (None, scene.world.view.value)
-    for name in perceived_pushes(scene) if turned else ():
+    turned = scene.record.world.get("view") not in (None, scene.world.view.value)
+    turned = turned and not (still or scene.forces)
+    for name in {*perceived_pushes(scene)} & {*objects} if turned else ():
         objects[name] = objects[name] | {"velocity": [0, 0]}
         del moving[name]
     perceived = replace(perceived, document=perceived.document | {"objects": objects})

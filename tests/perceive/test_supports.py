@@ -9,7 +9,7 @@ from physgen.geometry.polygon import Disc, Outline, Region, Ring
 from physgen.perceive.roles import PhotoObject, Wall
 from physgen.perceive.support.equilibrium import contacts, unstable_objects
 from physgen.perceive.support.ground_contact import find_foot
-from physgen.perceive.support.supports import add_supports
+from physgen.perceive.support.supports import SOURCE, add_supports
 from tests.perceive.lambertian import block
 
 FLOOR = Wall("floor", ((-100.0, 0.0), (900.0, 0.0)), 0.6, 0.4, 1.0, "", "")
@@ -55,12 +55,14 @@ def test_a_leaning_plank_gets_its_wall(side):
     assert x == pytest.approx(points[:, 0].max() if side > 0 else points[:, 0].min(), abs=0.05)
 
 
-def test_a_guessed_ledge_that_nothing_needs_goes():
+def test_an_unseen_ledge_that_nothing_needs_goes():
     """The block stands on the floor as on the ledge, which reaches to where nothing is; the ball needs its own."""
     things = [PhotoObject(1, block(0, 0, 40, 40)), PhotoObject(2, Disc(np.array([300.0, -90.0]), 15.0))]
     ledges = [
-        Wall(f"ledge-{k}", ((x, y), (x + 200, y)), 0.6, 0.4, sure, "", "")
-        for k, (x, y, sure) in enumerate([(-20.0, 0.3, 0.4), (-20.0, 0.4, 0.6), (250.0, -75.0, 0.4)])
+        Wall(f"ledge-{k}", ((x, y), (x + 200, y)), 0.6, 0.4, 0.4, source, "")
+        for k, (x, y, source) in enumerate(
+            [(-20.0, 0.3, SOURCE), (-20.0, 0.4, "lowest points"), (250.0, -75.0, SOURCE)]
+        )
     ]
     walls, held = add_supports(things, [FLOOR, *ledges], {}, 0.6, 0.4)
     assert walls == [FLOOR, *ledges[1:]]

@@ -129,7 +129,7 @@ def _depth_normals(
 def _walls(found: Sequence[Edge], objects: Sequence[PhotoObject], taken: Sequence[Wall]) -> list[Wall]:
     """Edges as walls, without the parts that run into objects."""
     outlines = [t.outline for t in objects]
-    count = Counter(wall.name.rpartition("-")[0] for wall in taken)
+    count, names = Counter[str](), {wall.name for wall in taken}
     walls: list[Wall] = []
     for edge in found:
         along = edge.start + np.linspace(0, 1, max(2, int(edge.length)))[:, None] * (edge.end - edge.start)
@@ -145,7 +145,9 @@ def _walls(found: Sequence[Edge], objects: Sequence[PhotoObject], taken: Sequenc
             if np.hypot(*np.subtract(part[-1], part[0])) < 4:
                 continue
             count[kind] += 1
-            name, source, reason = f"{kind}-{count[kind]}", "depth and normals", "beyond it is far"
+            while (name := f"{kind}-{count[kind]}") in names:
+                count[kind] += 1
+            source, reason = "depth and normals", "beyond it is far"
             walls.append(Wall(name, tuple(part), FRICTION, ELASTICITY, sure, source, reason))
     return walls
 

@@ -88,6 +88,9 @@ class _TopLimits:
     narrower behind."""
     off: float = 1.5  # by which each may be off its way to the vanishing point
     dark: float = 0.003  # of linear light, below which levels are alike
+    row: float = (
+        0.05  # of its height, by which a box and its like in a row differ at the upper and the lower end
+    )
 
 
 RAIL, TOP = _RailLimits(), _TopLimits()
@@ -184,11 +187,17 @@ def middle_sections(rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]) ->
     if not tops:
         return list(objects)
     middles, shifts, narrower = np.array([(t.middle, t.shift, t.narrower) for t in tops.values()]).T
-    line = np.polyfit(middles, shifts, min(len(tops) - 1, 1))
-    row = -line[0] * np.ptp(middles) * (len(tops) / 2) ** 0.5
+    line = np.polyfit(middles, shifts, int(np.ptp(middles) > 1))
+    row = -line[0] * np.ptp(middles) * (len(tops) / 2) ** 0.5 if len(line) > 1 else 0.0
     off = np.abs(shifts - np.polyval(line, middles))
     close = max(float(row), float(np.median(narrower)) / 2) >= TOP.close
     kept = {i: top for (i, top), far in zip(tops.items(), off, strict=True) if close and far <= TOP.off}
+    # of a row of boxes all show their tops, or none: else their feet would be on several lines
+    ends = {t.id: bounds(t.outline) for t in apart}
+    for i, (_, y, _, low) in ends.items():
+        like = any(abs(y - ends[k][1]) + abs(low - ends[k][3]) < TOP.row * (low - y) for k in kept)
+        if like and i not in kept:
+            return list(objects)
     return [
         replace(t, outline=kept[t.id].section, top=kept[t.id].height) if t.id in kept else t for t in objects
     ]
@@ -266,8 +275,14 @@ def _floors(
         others = [t.outline for t in objects if all(t is not f.item for f in group)]
         chain = floor_points(line, group, seen or own)
         near = floor_points(line, group, (2 * own[0] - own[1], 2 * own[1] - own[0]))
-        if len(group) == 1 and not is_ground and free_parts(near, others) != [near]:
-            chain = floor_points(line, group, own)  # what is beside it does not strike the ledge's end
+        if len(group) == 1 and not is_ground:
+            middle = (own[0] + own[1]) / 2
+            kept = [part for part in free_parts(near, others) if part[0][0] <= middle <= part[-1][0]]
+            met = sum(part[k] != near[k] for part in kept[:1] for k in (0, -1)) if kept else 2
+            if met > (
+                seen is not None
+            ):  # what is beside it, or on both sides, does not strike the ledge's end
+                chain = floor_points(line, group, own)
         for part in free_parts(chain, others):
             on = [f for f in group if part[0][0] <= f.right[0] and part[-1][0] >= f.left[0]]
             if not on:

@@ -92,8 +92,7 @@ def _imagenet(rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]) -> Mappi
     seen = head.chances(np.stack([features(crop(rgb, labels == i)) for i in large]))
     for i, chances, sureness in zip(large, *seen, strict=True):
         best = np.argsort(-chances[:-1])[: CROP.likely + 1]
-        means = chances * (sureness / chances[best[0]])  # with ImageNet's own, as the label's is
-        likely = [(head.labels[k], round(float(means[k]), 2)) for k in best if means[k] >= CROP.floor]
+        likely = [(head.labels[k], round(float(chances[k]), 2)) for k in best if chances[k] >= CROP.floor]
         if sureness >= head.sure:
             names[i] = Name(likely[0][0], round(float(sureness), 2), tuple(likely[1:]), "imagenet")
         else:

@@ -41,7 +41,6 @@ class _Limits:
     # degrees; upright first: they carry nothing
     wedge_sides: tuple[float, ...] = (0.0, 180.0, 30.0, 150.0, 60.0, 120.0)
     wedge_length: float = 0.4  # of the object's radius: half the length of a wedge
-    guessed: float = 0.5  # confidence below which a wall goes if nothing needs it; the lowest floor stays
     wedge_rest: float = 0.15  # of its radius: the least length of a wedge on either side of the contact
 
 
@@ -55,7 +54,7 @@ def add_supports(
     friction: float,
     elasticity: float,
 ) -> tuple[list[Wall], frozenset[int]]:
-    """The walls with those that what would fall needs, without guessed ones that nothing needs; and the ids of objects
+    """The walls with those that what would fall needs, without unseen ones that nothing needs; and the ids of objects
     that no wall can hold."""
     every = list(walls)
     held: set[int] = set()
@@ -113,7 +112,7 @@ def add_supports(
                 every.append(wall)
                 on.append(wall_contacts(outlines, boxes, np.array(wall.points)))
     for k in reversed(range(len(every))):
-        if every[k].confidence < LIMITS.guessed and every[k].name != "floor":
+        if every[k].source == SOURCE and every[k].name != "floor":
             found, lost = falls(on[:k] + on[k + 1 :])
             if not lost and all(_lies_on(found, one.body) for one in on[k]):
                 del every[k], on[k]
