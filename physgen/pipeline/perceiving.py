@@ -219,9 +219,10 @@ def _set_in_motion(
     moving = {item.name: {"velocity": list(item.velocity)} for item in scene.objects if any(item.velocity)}
     turned = scene.record.world.get("view") not in (None, scene.world.view.value)
     turned = turned and not (still or scene.forces)
-    for name in {*perceived_pushes(scene)} & {*objects} if turned else ():
-        objects[name] = objects[name] | {"velocity": [0, 0]}
+    for name in perceived_pushes(scene) if turned else ():
         del moving[name]
+        if name in objects:
+            objects[name] = objects[name] | {"velocity": [0, 0]}
     perceived = replace(perceived, document=perceived.document | {"objects": objects})
     with suppress(InputError):
         same = [k for k, item in was.items() if item.get("prompt") == objects.get(k, item).get("prompt")]

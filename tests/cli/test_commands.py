@@ -221,6 +221,8 @@ def test_perceive_on_stdout_puts_assets_beside(photo: tuple[Path, Path], monkeyp
             "is no name for a trajectory; end it in .npz, .csv or .json",
         ),
         (["perceive", "{photo}", "--point=-1,3"], "is off the 160 x 120 photo"),
+        (["perceive", "{photo}", "--box=200,3,50,50"], "is off the 160 x 120 photo"),
+        (["perceive", "{photo}", "--box=10,10,0,5"], "leaves under 4 px of the 160 x 120 photo"),
         (["simulate", "{lesson}", "-o", "."], "is no name for a trajectory"),
         (["perceive", "{photo}", "-o", "{photo}"], "is no name for a scene file; end it in .yaml"),
         (["perceive", "{photo}", "-o", "-"], "is no name for a scene file"),

@@ -593,6 +593,26 @@ def test_another_view_brings_what_holds_things_in_it_and_keeps_walls_set_by_hand
     assert top == {"ramp"}
 
 
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_box_that_replaces_the_pushed_object_in_another_view(mirrored: bool, tmp_path: Path) -> None:
+    """A ball that was found as two pieces; the smaller one, which goes, was pushed."""
+    y, x = np.mgrid[:140, :200]
+    rgb = np.full((140, 200, 3), (190, 186, 176), np.uint8)
+    rgb[(x - 100) ** 2 + (y - 75) ** 2 <= RADIUS**2] = (170, 40, 40)
+    labels = np.zeros((140, 200), np.uint8)
+    labels[50:98, 82:94], labels[80:98, 100:126] = 1, 2
+    labels = labels[:, ::-1] if mirrored else labels
+    cv2.imwrite(str(tmp_path / "photo.png"), cv2.GaussianBlur(rgb, (0, 0), 0.7)[..., ::-1])
+    cv2.imwrite(str(tmp_path / "marked.png"), labels)
+    scene = tmp_path / "scene.yaml"
+    options = ["--masks", str(tmp_path / "marked.png"), "-o", str(scene)]
+    assert main(["perceive", str(tmp_path / "photo.png"), *options]) == 0
+    other = {"side": "top", "top": "side"}
+    scene.write_text(re.sub("view: (side|top)", lambda found: f"view: {other[found[1]]}", scene.read_text()))
+    (ball,) = refreshed(scene, "--box", "66,41,68,68")[0].objects
+    assert any(ball.velocity), "pushed anew"
+
+
 BUNDLED = sorted((Path(__file__).parents[2] / "scenes").glob("*/scene.yaml"))
 HEAD = re.compile(r"# yaml-language-server|assets: |maps: ")
 """Lines that name the new maps."""

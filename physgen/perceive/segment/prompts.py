@@ -200,7 +200,7 @@ def _corners(rgb: Rgb, box: Box) -> tuple[int, int, int, int]:
     x0, y0 = max(0, round(box[0])), max(0, round(box[1]))
     x1, y1 = min(width, round(box[0] + box[2])), min(height, round(box[1] + box[3]))
     if x1 - x0 < 4 or y1 - y0 < 4:
-        outside = "is off" if x1 <= x0 or y1 <= y0 else "leaves under 4 px of"
+        outside = "is off" if min(box[2:]) >= 4 and (x1 <= x0 or y1 <= y0) else "leaves under 4 px of"
         expected = f"{outside} the {width} x {height} photo"
         raise InputError.of(_flag("box", box), "", expected, "write x,y,width,height in px")
     return x0, y0, x1, y1
