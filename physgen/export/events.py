@@ -5,10 +5,9 @@ The number of frames and their rate change nothing: the motion is sampled again,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
-from functools import partial
 from math import ceil, radians
 from typing import Any
 
@@ -21,11 +20,7 @@ from physgen.geometry.polygon import Array, rotation
 from physgen.render.camera import Shot
 from physgen.render.contacts import Impact, find_impacts
 from physgen.scene.scene import Load, Motion, Play, Point
-from physgen.simulate.engine import simulate
 from physgen.simulate.trajectory import REST_SPEED, REST_TURN, Trajectory, rest_times, resting_mask
-
-Sampled = Callable[[Array], Trajectory]
-"""The motion at other times (T,) s."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +87,7 @@ def events(clip: Clip) -> tuple[Event, ...]:
     if not world.bodies or not len(seen.times):
         return ()
     if len(seen.times) > 1:
-        seen = _resampled(world, clip.sampled or partial(simulate, world))
+        seen = _resampled(world, seen)
     impacts = find_impacts(world, seen, 1 / LIMITS.rate) if len(seen.times) > 1 else []
     found = [
         *_pushes(world, seen),
@@ -104,18 +99,18 @@ def events(clip: Clip) -> tuple[Event, ...]:
     return tuple(sorted(found, key=lambda event: (event.time, order.index(event.kind), event.surfaces)))
 
 
-def _resampled(world: World, sampled: Sampled) -> Trajectory:
+def _resampled(world: World, clip: Trajectory) -> Trajectory:
     """Evenly, and just before and after the beginnings of touches."""
     most, end = max(LIMITS.most // len(world.bodies), 2), world.duration
     rate = min(max(LIMITS.rate, LIMITS.least / end), world.steps_per_second)
     even = np.linspace(0.0, end, min(ceil(end * rate - 1e-6), most) + 1)
-    begins = sampled(np.array([0.0, end])).contacts.touch_times[:most, 0]
+    begins = clip.sampled(np.array([0.0, end])).contacts.touch_times[:most, 0]
     step = LIMITS.after / world.steps_per_second
     pushes = np.array([push.start for push in world.pushes])
     every = np.unique(
         np.concatenate([even, begins, begins - LIMITS.before, begins - step, begins + step, pushes])
     )
-    return sampled(every[(every >= 0) & (every <= end)])
+    return clip.sampled(every[(every >= 0) & (every <= end)])
 
 
 def _sample(seen: Trajectory, time: float) -> int:

@@ -26,7 +26,6 @@ from physgen.export.correspondence import (
     spans,
     turns_in_space,
 )
-from physgen.geometry.polygon import Array
 from physgen.maps import F32, U8, U16, Percepts, png_bytes
 from physgen.render.camera import Shot
 from physgen.render.stage import Cover, Frame, Slices
@@ -198,8 +197,6 @@ class Clip:
     count: int  # frames
     shot: Shot  # the camera at any time, and the order in which the frames show the samples
     source: Mapping[str, str] = field(default_factory=dict)  # inputs: paths and SHA-256
-    sampled: Callable[[Array], Trajectory] | None = field(default=None, repr=False)
-    """The same motion at other times (T,) s, rising; None: it is simulated again."""
     stood: U16 = field(default_factory=lambda: np.zeros((0, 0), np.uint16), repr=False)
     """(H, W) of the photo at t = 0: ids of the bodies, and `OMITTED`; empty without a photo."""
 

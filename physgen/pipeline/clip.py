@@ -145,7 +145,6 @@ class Labels:
             len(shot.order),
             shot,
             record.inputs,
-            sampled=film.sampled,
             stood=starting_labels(compiled.labels, labels, compiled.scenery),
         )
         queues: list[MomentQueue] = []
@@ -330,7 +329,7 @@ class _Run:
         from physgen.report.player import player_data
 
         film = self.film
-        parts = film.compiled.world, trajectory, film.stage, film.shot(trajectory), film.sampled
+        parts = film.compiled.world, trajectory, film.stage, film.shot(trajectory)
 
         def sample() -> Data | None:
             template("report.html.j2")  # compiled meanwhile

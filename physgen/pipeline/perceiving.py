@@ -193,7 +193,7 @@ def _pushed(perceived: PerceivedScene, only: Collection[str] = ()) -> PerceivedS
     item = document["objects"][push.name] | {"velocity": speeds}
     pushed = opened.scene([f"objects.{push.name}.velocity={json.dumps(speeds)}"])
     slow, film = round(pushed.render.slow), replace(pushed, render=replace(pushed.render, slow=1))
-    moves = ended(film, compile_shapes(film, shapes)).world.duration - PLAYBACK.pause
+    moves = ended(film, compile_shapes(film, shapes))[0].world.duration - PLAYBACK.pause
     while slow > 1 and slow * moves > PLAYBACK.longest:
         slow //= 2
     render = {key: value for key, value in document.get("render", {}).items() if key != "slow"}

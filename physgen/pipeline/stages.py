@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from physgen.report.record import RunRecord
     from physgen.scene.load import Opened
     from physgen.scene.scene import Scene
+    from physgen.simulate.engine import Running
     from physgen.simulate.trajectory import Trajectory
     from physgen.simulate.uncertainty import Ensemble
 
@@ -79,15 +80,15 @@ def compile(scene: Scene, maps: Percepts | None) -> Compiled:
     """Outlines, centres, masses, moments and pairs, resolved."""
     from physgen.compile.compile import compile_scene
 
-    return ended(scene, compile_scene(scene, None if maps is None else maps.labels))
+    return ended(scene, compile_scene(scene, None if maps is None else maps.labels))[0]
 
 
-def ended(scene: Scene, compiled: Compiled) -> Compiled:
+def ended(scene: Scene, compiled: Compiled) -> tuple[Compiled, Running | None]:
     """The same with `duration: auto` resolved: 0.5 s of video after the last motion that shows, and after forces,
-    views and waypoints that begin later.
+    views and waypoints that begin later. And the run that found it.
     """
     if not scene.world.until_rest:
-        return compiled
+        return compiled, None
     from physgen.compile.compile import frame_times
     from physgen.geometry.scale import PLAYBACK
     from physgen.scene.scene import Solid
@@ -115,7 +116,7 @@ def ended(scene: Scene, compiled: Compiled) -> Compiled:
         if last <= length - 2 * pause:
             break
     end = min(max(last + pause, 1 / slow), most)
-    return replace(compiled, world=replace(world, duration=end, times=frame_times(scene, end)))
+    return replace(compiled, world=replace(world, duration=end, times=frame_times(scene, end))), run
 
 
 def resolved(scene: Scene, compiled: Compiled) -> dict[str, Any]:
@@ -325,7 +326,7 @@ class Stages:
         self._maps: Recent[Maps] = Recent(2 if self._editing else min(few, 1))
         self._shapes: Recent[Shapes] = Recent(few)
         self._stages: Recent[Stage] = Recent(min(few, 1))
-        self._motions: Recent[Trajectory] = Recent(few)
+        self._motions: Recent[Trajectory] = Recent(max(few, 1))
         self._hashes: dict[Path, tuple[Stamp, str]] = {}
 
     def load(
@@ -360,14 +361,19 @@ class Stages:
         """See `compile`."""
         from physgen.compile.compile import check_steps, compile_shapes
         from physgen.compile.shapes import shapes_of
-        from physgen.pipeline.cache_keys import key
+        from physgen.pipeline.cache_keys import key, motion_key
 
         check_steps(scene)
         labels = None if maps.percepts is None else maps.percepts.labels
         objects = [(item.mask, item.shape, item.layer) for item in scene.objects]
         masks = [item.mask for item in scene.boundaries]
         read = key("shapes", maps.key, scene.size, objects, masks)
-        return ended(scene, compile_shapes(scene, self._shapes.of(read, lambda: shapes_of(scene, labels))))
+        shapes = self._shapes.of(read, lambda: shapes_of(scene, labels))
+        compiled, run = ended(scene, compile_shapes(scene, shapes))
+        if run is not None:
+            world = compiled.world
+            self._motions.of(motion_key(world), lambda: run.sampled(world.times))
+        return compiled
 
     def stage(self, scene: Scene, compiled: Compiled, maps: Maps) -> Stage:
         """See `stage`."""
@@ -456,12 +462,6 @@ class Film:
         with self._record.stage("simulate", time.thread_time):
             return self._stages.simulate(self.compiled.world, progress)
 
-    def sampled(self, times: NDArray[np.float64]) -> Trajectory:
-        """The same motion at other times, s: the engine's steps do not depend on its samples."""
-        from physgen.simulate.engine import simulate
-
-        return simulate(self.compiled.world, times)
-
     @cached_property
     def stage(self) -> Stage:
         """The sprites and the background."""
@@ -496,7 +496,7 @@ class Film:
             fine = trajectory
             if parts > 1:
                 with self._record.stage("expose", time.thread_time):
-                    fine = self.sampled(moments)
+                    fine = trajectory.sampled(moments)
             self._fine = trajectory, fine, parts
         return self._fine[1:]
 

@@ -17,7 +17,6 @@ from physgen.render.drawing import CASING, Layer, arc, circle, curved_arrow, rin
 from physgen.render.scales import COLOURS, Entry, Scales, key_entries, scales
 from physgen.render.stage import Frame
 from physgen.scene.scene import Load, Motion, Overlay, Solid, View
-from physgen.simulate.engine import simulate
 from physgen.simulate.trajectory import Trajectory
 
 PEN = 1 / 380  # of the picture's longer side: the width of a line
@@ -184,7 +183,7 @@ def filmed(world: World, trajectory: Trajectory, kinds: Collection[Overlay]) -> 
     """A clip's impacts, scales and key."""
     seen, found = trajectory, list[Impact]()
     if world.bodies and len(trajectory.times) > 1 and {Overlay.TRAILS, Overlay.CONTACTS} & set(kinds):
-        seen = simulate(world, sample_times(trajectory, STYLE.finer, STYLE.most // len(world.bodies)))
+        seen = trajectory.sampled(sample_times(trajectory, STYLE.finer, STYLE.most // len(world.bodies)))
     if Overlay.CONTACTS in kinds:
         found = find_impacts(world, seen, world.duration / max(len(world.times), 1) / STYLE.finer)
     scale = scales(world, trajectory, kinds, [impact.impulse for impact in found])

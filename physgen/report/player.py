@@ -10,7 +10,7 @@ and no shadow falls on an object.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -240,25 +240,18 @@ def _shadow(box: PixelBox, dark: F32) -> dict[str, Any]:
 Data = dict[str, Any]
 
 
-def player_data(
-    scene: Scene,
-    world: World,
-    trajectory: Trajectory,
-    stage: Stage,
-    shot: Shot,
-    sampled: Callable[[Array], Trajectory],
-) -> Data | None:
+def player_data(scene: Scene, world: World, trajectory: Trajectory, stage: Stage, shot: Shot) -> Data | None:
     """Everything the page's script needs; None where there is no frame, or more than a page can carry.
 
-    `trajectory` has one sample a frame played forward, and `sampled` gives the same motion at more times; heaps of
-    hundreds of objects are shown by their frames alone, without impacts.
+    `trajectory` has one sample a frame played forward; heaps of hundreds of objects are shown by their frames alone,
+    without impacts.
     """
     T, N = len(trajectory.times), len(world.bodies)
     if not T or LIMITS.most < T * N:
         return None
     seen, struck = trajectory, list[Impact]()
     if N and T > 1 and trajectory.effort.steps * N <= LIMITS.effort:
-        seen = sampled(sample_times(trajectory, LIMITS.finer, max(T, LIMITS.few // N)))
+        seen = trajectory.sampled(sample_times(trajectory, LIMITS.finer, max(T, LIMITS.few // N)))
         struck = find_impacts(world, seen, world.duration / max(len(world.times), 1) / LIMITS.finer)
         struck = sorted(
             sorted(struck, key=lambda impact: -impact.impulse)[: LIMITS.most_impacts],

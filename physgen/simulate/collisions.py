@@ -33,10 +33,10 @@ class CollisionTuning:
     exact: float = 1e-13
     nearly: float = 1e-5
     """Relative change of an impulse at which points that close together are solved: usually, and in a heap."""
-    base: float = 3e5
+    base: float = 2e6
     per_second: float = 1e6
-    """Passes over points that close together in a run, at most, and more a second of the scene: 30 times what the
-    bundled scenes need. Beyond it each step has one round: a ton on a saucer cannot keep a run for hours."""
+    """Passes over points that close together that a run may begin with, and more a second of the scene: over 30 times
+    what the bundled scenes need. Beyond it each step has one round: a ton on a saucer cannot keep a run for hours."""
     crowd: int = 500  # contact points of a heap
     together: float = 0.02  # part of a step within which two contacts of one body count as simultaneous
 
@@ -47,11 +47,15 @@ TUNING = CollisionTuning()
 class WorkBudget:
     """Passes over points that close together, which a run may make."""
 
-    def __init__(self, seconds: float, bodies: int) -> None:
-        """For a run of so many seconds of the scene."""
-        self._left = (TUNING.base + TUNING.per_second * seconds) * (1 + bodies / TUNING.crowd)
+    def __init__(self, bodies: int) -> None:
+        self._crowd = 1 + bodies / TUNING.crowd
+        self._left = TUNING.base * self._crowd
         self.exceeded_by: tuple[int, int] | None = None
         """The pair that closed fastest when nothing was left."""
+
+    def grant(self, seconds: float) -> None:
+        """Add what a step of the scene brings."""
+        self._left += TUNING.per_second * seconds * self._crowd
 
     def spend(self, passes: int, points: list[Point]) -> None:
         """Count passes over points."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import takewhile
 from math import ceil, nan
 
 import numpy as np
@@ -41,12 +42,13 @@ from physgen.simulate.forces import (
     stiffest_spring,
 )
 from physgen.simulate.joints import Assemblies
-from physgen.simulate.recorder import DIVERGED_FIX, NOT_BRAKED, UNKNOWN_PLACE, Recorder, Step
+from physgen.simulate.recorder import DIVERGED_FIX, NOT_BRAKED, STEP_BYTES, UNKNOWN_PLACE, Recorder, Step
 from physgen.simulate.space import Space
 from physgen.simulate.step_control import Governor, StepDivider
 from physgen.simulate.trajectory import Effort, Trajectory
 
 Index = NDArray[np.int64]
+Done = tuple[tuple[int, int, int, int, int], float, tuple[int, int] | None, int | None]
 
 PHASE = 0.1
 """rad that the stiffest spring, or a pass by an attractor, may turn in a step."""
@@ -65,7 +67,7 @@ def simulate(world: World, times: Array | None = None, progress: Progress = sile
     """
     running = Running(world, times)
     running.on(running.end, progress)
-    running.rest()
+    running.read()
     return running.trajectory()
 
 
@@ -80,10 +82,11 @@ class Running:
         self._world = world
         self._space = Space(world)
         self._governor = Governor(world)
-        loads, self._scripts = ForceFields(world), ScriptedMotion(world)
-        self._lasting = StepForces(world, self._space.moving, loads)
-        self._ledger = Recorder(world, self._space.moving, loads, self._scripts, self.times)
         moving = self._space.moving
+        self._loads, self._scripts = ForceFields(world), ScriptedMotion(world)
+        self._lasting = StepForces(world, moving, self._loads)
+        self._ledger = self._recorder(self.times)
+        self._taken, self._bytes = list[tuple[Step, Done]](), 0
         self._row = {int(body): row for row, body in enumerate(moving)}
         self._stepper = Stepper(world, self._space, self._lasting, self._governor)
         self._kicks = Impulses(world)
@@ -91,8 +94,7 @@ class Running:
         self._center = np.array([[*b.center, 0.0] for b in bodies]).reshape(-1, 3)
         self._gravity = float(np.hypot(*world.gravity))
         self._h = 0.0
-        self._loads = loads
-        self._restless = loads.busy or self._scripts.busy
+        self._restless = self._loads.busy or self._scripts.busy
         rate, name = stiffest_spring(world)
         self._stiff = max(1, ceil(rate / world.steps_per_second / PHASE))
         if self._stiff > MOST_PARTS:
@@ -100,6 +102,9 @@ class Running:
             fix = f"make it softer, what it joins heavier, or steps_per_second larger: at most {MOST_PARTS} parts"
             raise InputError([Problem(UNKNOWN_PLACE, f"joints.{name}.stiffness", "", found, fix)])
         self._divided = self._most_parts = self._reviewed = 0
+
+    def _recorder(self, times: Array) -> Recorder:
+        return Recorder(self._world, self._space.moving, self._loads, self._scripts, times)
 
     @property
     def end(self) -> float:
@@ -134,27 +139,36 @@ class Running:
         with self._overflow_named():
             self._ledger.read()
 
-    def rest(self) -> None:
-        """The same, where the run is over, or pauses for long."""
+    def sampled(self, times: Array) -> Trajectory:
+        """The same motion at other times, s, rising, bit for bit: steps do not depend on samples."""
+        last = ceil(float(times.max(initial=0.0)) / self._base - 1e-9)
+        self.on(last * self._base)
+        if self._bytes > STEP_BYTES:
+            return simulate(self._world, times)
+        ledger = self._recorder(times)
         with self._overflow_named():
-            self._ledger.flush()
+            ledger.begin(*self._begun)
+            taken = list(takewhile(lambda taken: taken[0].time < (last + 0.5) * self._base, self._taken))
+            for step, _ in taken:
+                ledger.add(step)
+            ledger.read()
+        return ledger.trajectory(self._effort(taken[-1][1] if taken else self._begun_done), self.sampled)
 
     def trajectory(self) -> Trajectory:
         """What is known; samples from `done` on are not taken yet, and zeros."""
-        pair = self._stepper.budget.exceeded_by or (-1, -1)
-        if self._reach.overworked_by is not None:
-            pair = int(self._space.moving[self._reach.overworked_by]), -1
-        effort = Effort(
-            steps=self._stepper.steps,
-            divided=self._divided,
-            most_parts=self._most_parts,
-            iterations=self._governor.most_sweeps,
-            impacts=self._stepper.impacts,
-            still=self._governor.stillest(self._base),
-            overworked=pair[0],
-            overworked_by=pair[1],
-        )
-        return self._ledger.trajectory(effort)
+        return self._ledger.trajectory(self._effort(self._done()), self.sampled)
+
+    def _done(self) -> Done:
+        """What `Effort` needs to know of the run so far."""
+        stepper, governor = self._stepper, self._governor
+        counts = stepper.steps, self._divided, self._most_parts, governor.most_sweeps, stepper.impacts
+        return counts, governor.loudest, stepper.budget.exceeded_by, self._reach.overworked_by
+
+    def _effort(self, done: Done) -> Effort:
+        counts, loudest, pair, alone = done
+        if alone is not None:
+            pair = int(self._space.moving[alone]), -1
+        return Effort(*counts, self._governor.threshold(self._base, loudest), *(pair or (-1, -1)))
 
     @contextmanager
     def _overflow_named(self) -> Iterator[None]:
@@ -191,7 +205,8 @@ class Running:
         self._space.weaken(1.0)
         if step.before is None:
             step.before = state[:, 3:].copy()
-        self._ledger.begin(step, pose, shown, roll)
+        self._begun, self._begun_done = (step, pose, shown, roll), self._done()
+        self._ledger.begin(*self._begun)
 
     def _advance(self) -> None:
         """A base step, in as many parts as it needs."""
@@ -252,11 +267,15 @@ class Running:
         self._record(step, h)
 
     def _record(self, step: Step, h: float) -> None:
+        self._bytes += len(step.numbers) + 2 * len(step.states) + 600  # of Python's own
         if self._ledger.add(step):
             ledger, since = self._ledger, self._stepper.steps - self._reviewed
             self._reviewed = self._stepper.steps
             contacts = len(step.numbers) // CONTACT_BYTES
             self._governor.review(since, contacts, ledger.residual, ledger.overlap, h)
+        self._taken.append((step, self._done()))
+        if self._bytes > STEP_BYTES:
+            self._taken.clear()
 
     def _kicked(self, begin: float, end: float, state: Array) -> list[EnergyEvent]:
         """Impulses that are given within this step, at their times, in the state (M, 6)."""
@@ -290,7 +309,7 @@ class Stepper:
             elasticity=[surface.elasticity for surface in surfaces],
             radius=[b.radius if b.radius is not None else nan for b in bodies] + [nan] * len(walls),
         )
-        self.budget = WorkBudget(world.duration, len(bodies))
+        self.budget = WorkBudget(len(bodies))
         self._joined = Assemblies(world)
         self._held = self._joined.bodies
         light, ease = self._properties.lightness, self._properties.ease
@@ -407,6 +426,7 @@ class Stepper:
             probing = False
             self._space.place(state)
         self.steps += 1
+        self.budget.grant(h)
         self._calm = original is None
         driven = 0.0
         if self._joined.busy or (state is not None and not self._calm):
@@ -447,7 +467,7 @@ class Stepper:
         What touched before closes by what the solver left undone, and does not bounce. `new`: rows of contacts that did
         not touch; None: velocities or corners jumped, and all may close.
         """
-        threshold = self._governor.threshold(h)
+        threshold = self._governor.threshold(h, self._governor.loud)
         wide, fast = self._wide, self._fast
         wide[self._space.moving], fast[self._space.moving] = pose, velocity
         words, numbers = order.words, order.sort(numbers)

@@ -5,6 +5,7 @@ Steps are read a block at a time.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -133,13 +134,13 @@ class ContactLog:
         )
 
 
-BLOCK = 256
-"""Steps that are read together; fewer at first, so that the engine soon knows how accurate it is."""
+BLOCK = 256, 2_000_000
+"""Steps that are read together, fewer at first, so that the engine soon knows how accurate it is; bytes of contacts."""
+STEP_BYTES = 64_000_000
+"""Of a run's steps that are kept to be read again at other times; a longer run is simulated again."""
 UNKNOWN_PLACE = Place("scene")
 """Where a problem lies that only shows in the running; who knows the file says where in it."""
 DIVERGED_FIX = "raise steps_per_second, or look for a force, spring or joint that is too strong for its mass"
-BYTES = 2_000_000
-"""Of contacts that are held before they are read."""
 
 
 NOT_BRAKED = np.zeros((0, 2), np.int64), list[float]()
@@ -201,7 +202,7 @@ class Recorder:
         self._struck: list[tuple[float, float, float]] = []
         self._spent = np.zeros(2)  # lost and work of the impacts of earlier blocks
         self._first = True
-        self._block = BLOCK // 8
+        self._block = BLOCK[0] // 8
         self.residual = 0.0
         """Fastest closing of a contact that a step of the last block left, px/s."""
         self.overlap = 0.0
@@ -222,10 +223,10 @@ class Recorder:
         self._steps.append(step)
         self._count += 1
         self._held += len(step.numbers)
-        if self._count < self._block and self._held < BYTES:
+        if self._count < self._block and self._held < BLOCK[1]:
             return False
         self.flush()
-        self._block = BLOCK
+        self._block = BLOCK[0]
         return True
 
     def flush(self) -> None:
@@ -476,8 +477,8 @@ class Recorder:
         height = -(self._mass * (pose[..., :2] @ self.world.gravity)).sum(axis=1)
         return kinetic, height + [self.loads.potential(x) if self.loads.busy else 0.0 for x in pose]
 
-    def trajectory(self, effort: Effort) -> Trajectory:
-        """What is known once the last step is read."""
+    def trajectory(self, effort: Effort, sampled: Callable[[Array], Trajectory]) -> Trajectory:
+        """What is known once the last step is read; `sampled` is the same motion at other times."""
         rolling = slice(None) if self._rolling else slice(0)
         return Trajectory(
             times=self.times,
@@ -489,6 +490,7 @@ class Recorder:
             contacts=self.log.result(),
             energy=Energy(*np.ascontiguousarray(self._balance.T)),
             effort=effort,
+            sampled=sampled,
         )
 
 

@@ -124,12 +124,13 @@ class Governor:
         self._gravity = float(np.hypot(*world.gravity))
         self._jointed = any(joint.kind is not JointKind.SPRING for joint in world.joints)
         self._most = TUNING.most
-        self._loud = 1.0
+        self.loud = 1.0
+        """Factor on the speed of rest."""
         self._blows = self._contacts = 0
         self.sweeps = TUNING.many  # the first steps find all contacts anew
         self.most_sweeps = self.sweeps
         self.loudest = 1.0
-        """Highest factor on the speed of rest so far."""
+        """The highest so far."""
 
     @property
     def after_impacts(self) -> int:
@@ -141,13 +142,9 @@ class Governor:
         """Whether a try with a single sweep pays."""
         return self._contacts > TUNING.crowd
 
-    def threshold(self, h: float) -> float:
-        """px/s below which a contact does not bounce, in a step of h seconds."""
-        return max(TUNING.rest * self._loud * self._gravity * h, TUNING.still)
-
-    def stillest(self, h: float) -> float:
-        """px/s: the highest threshold so far, for steps of h seconds."""
-        return max(TUNING.rest * self.loudest * self._gravity * h, TUNING.still)
+    def threshold(self, h: float, loud: float) -> float:
+        """px/s below which a contact does not bounce, in a step of h seconds, by a factor on the speed of rest."""
+        return max(TUNING.rest * loud * self._gravity * h, TUNING.still)
 
     def note(self, impacts: int) -> None:
         """Count the impacts of a step."""
@@ -166,8 +163,8 @@ class Governor:
         self.sweeps = min(self._most, max(least, now))
         self.most_sweeps = max(self.most_sweeps, self.sweeps)
         if self._blows > TUNING.busy * steps:
-            self._loud = min(TUNING.loudest, self._loud * 2)
+            self.loud = min(TUNING.loudest, self.loud * 2)
         elif self._blows < TUNING.busy * steps / 4:
-            self._loud = max(1.0, self._loud / 2)
-        self.loudest = max(self.loudest, self._loud)
+            self.loud = max(1.0, self.loud / 2)
+        self.loudest = max(self.loudest, self.loud)
         self._blows = 0

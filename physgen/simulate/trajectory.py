@@ -8,7 +8,8 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-from dataclasses import dataclass, fields
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
 from math import isfinite
 from pathlib import Path
 
@@ -80,6 +81,10 @@ class Effort:
     it needs."""
 
 
+def _unknown(times: Array) -> Trajectory:
+    raise ValueError("a motion that was read from a file is known at its own times only")
+
+
 @dataclass(frozen=True)
 class Trajectory:
     """Motion of N bodies at T times."""
@@ -99,6 +104,8 @@ class Trajectory:
     contacts: Contacts
     energy: Energy
     effort: Effort
+    sampled: Callable[[Array], Trajectory] = field(default=_unknown, repr=False, compare=False)
+    """The same motion at other times (K,) s, rising; of a run, not of a file."""
 
     def imbalance(self, least: float = 0.0) -> float:
         """By how much kinetic + potential + dissipated - work strays, as a part of the energy that flows.
@@ -139,9 +146,9 @@ class Trajectory:
             "contacts_surfaces": np.array(self.contacts.surfaces, dtype=np.str_),
         }
         for part, of in (("contacts", self.contacts), ("energy", self.energy), ("effort", self.effort)):
-            for field in fields(of):
-                if field.name != "surfaces":
-                    arrays[f"{part}_{field.name}"] = np.asarray(getattr(of, field.name))
+            for one in fields(of):
+                if one.name != "surfaces":
+                    arrays[f"{part}_{one.name}"] = np.asarray(getattr(of, one.name))
         return arrays
 
     def as_json(self) -> str:

@@ -14,7 +14,6 @@ from pytest import approx
 
 from physgen import pipeline
 from physgen.report.player import player_data
-from physgen.simulate.engine import simulate
 
 BOUNCE = """\
 physgen: 1
@@ -36,9 +35,7 @@ def made(path: Path, overrides: tuple[str, ...] = ()) -> SimpleNamespace:
     trajectory = pipeline.simulate(compiled.world)
     stage = pipeline.stage(scene, compiled, maps)
     shot = pipeline.shot(scene, trajectory)
-    data = player_data(
-        scene, compiled.world, trajectory, stage, shot, lambda times: simulate(compiled.world, times)
-    )
+    data = player_data(scene, compiled.world, trajectory, stage, shot)
     return SimpleNamespace(
         scene=scene, world=compiled.world, run=trajectory, stage=stage, maps=maps, data=data
     )

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from physgen import pipeline
+from physgen.compile.world import World
 from physgen.simulate.engine import Running, simulate
+from physgen.simulate.trajectory import Trajectory, read_trajectory
 
 SCENES = Path(__file__).resolve().parents[2] / "scenes"
 
@@ -35,7 +37,7 @@ def test_pieces_of_a_run_are_the_run(name: str) -> None:
             running.read()
             early.append(running.trajectory().poses[: running.done].copy())
         rounds += 1
-    running.rest()
+    running.read()
     made = running.trajectory()
     assert rounds > 20
     assert np.array_equal(made.poses, whole.poses)
@@ -45,3 +47,35 @@ def test_pieces_of_a_run_are_the_run(name: str) -> None:
     np.testing.assert_allclose(made.energy.dissipated, whole.energy.dissipated, rtol=1e-9, atol=1e-6)
     np.testing.assert_allclose(made.turns, whole.turns, atol=1e-12)
     assert all(np.array_equal(part, whole.poses[: len(part)]) for part in early)
+    same_at_other_times(world, made)
+
+
+def same_at_other_times(world: World, made: Trajectory) -> None:
+    """Fewer times, in the middle of a step, more, and beyond the end: nothing of the run depends on its samples."""
+    end = made.times[-1]
+    for times in (made.times[:1], np.array([0.0, 0.4321 * end]), np.linspace(0, 1.1 * end, 777)):
+        again, fresh = made.sampled(times).as_arrays(), simulate(world, times).as_arrays()
+        assert all(np.array_equal(again[key], fresh[key]) for key in fresh)
+
+
+def test_a_run_too_large_to_be_kept_is_simulated_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("physgen.simulate.engine.STEP_BYTES", 1000)
+    scene = pipeline.load(SCENES / "cups" / "scene.yaml", ["world.duration=0.2"])
+    world = pipeline.compile(scene, pipeline.percepts(scene)).world
+    same_at_other_times(world, simulate(world))
+
+
+def test_a_clip_is_simulated_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Its end, frames, blur, page, trails and events are read from one run."""
+    starts, start = [], Running._start
+    monkeypatch.setattr(Running, "_start", lambda self: (starts.append(1), start(self))[1])
+    edits = ["world.duration=auto", "render.fps=10", "render.motion_blur=0.5", "render.overlay=[trails, contacts]"]
+    folder = pipeline.render_scene(
+        SCENES / "cans" / "scene.yaml", tmp_path, overrides=tuple(edits), export=("events",)
+    )
+    assert len(starts) == 1
+    monkeypatch.undo()
+    scene = pipeline.load(SCENES / "cans" / "scene.yaml", edits)
+    world = pipeline.compile(scene, pipeline.percepts(scene)).world
+    kept, fresh = read_trajectory(folder / "trajectory.npz").as_arrays(), simulate(world).as_arrays()
+    assert all(np.array_equal(kept[key], fresh[key]) for key in fresh)
