@@ -64,7 +64,8 @@ MISSING = """\
 
 Kinetic, potential and dissipated energy less the work done is constant in nature. physgen adds up dissipation from
 impulses, never as a remainder, so that the *energy balance error* is a test: above 3 % a clip warns on stderr, in the
-manifest and in the report. Where motion is chaotic (a break, a falling pile) the smallest change at the start changes
+manifest and in the report. What pushes overlapping shapes apart lifts them without a velocity: that counts as work.
+Where motion is chaotic (a break, a falling pile) the smallest change at the start changes
 the end; the same file still gives the same bytes on one kind of processor. Masses more than 1,000 apart that touch
 come out soft and are warned of.
 

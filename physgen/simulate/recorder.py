@@ -256,7 +256,7 @@ class Recorder:
         flow = self._contacts(steps, pose, self._all(before), self._all(after))
         lost, work = self._loaded(steps, mean, rolls)
         flow[:, 0] += lost + self._braked(steps, mean[:, :, 2])
-        flow[:, 1] += work + [step.driven for step in steps]
+        flow[:, 1] += work + [step.driven for step in steps] + self._lifted(steps, states, before)
         ends = np.array([step.time for step in steps])
         # at a step's end half of what it did is done: its velocities are those of the middle of two steps
         smooth = np.cumsum(flow, axis=0) + self._smooth + self._owed - flow / 2
@@ -304,6 +304,21 @@ class Recorder:
             rolled = np.array([load.rolled for load in loads])
             both[0] -= (self._moment[:, None] * rolled * (rolls[:-1] + rolled / 2)).sum(axis=(1, 2))
         return both
+
+    def _lifted(self, steps: list[Step], states: Array, before: Array) -> Array:
+        """(S,) work against gravity where shapes that overlap are pushed apart: they move, without a velocity.
+
+        states (S, M, 6); before (S, M, 3) velocities within the steps.
+        """
+        if self._first:
+            return np.zeros(len(steps))
+        h = np.array([step.h for step in steps])
+        poses = np.concatenate([self._pose[None, self.moving], states[:, :, :3]])
+        shift = np.diff(poses, axis=0) - h[:, None, None] * before
+        for s, step in enumerate(steps):
+            if step.original is not None:  # what is struck has two velocities in a step
+                shift[s, (step.original != step.before).any(axis=1)] = 0.0
+        return -(shift[:, :, :2] @ self.world.gravity) @ self._mass[self.moving]
 
     def _braked(self, steps: list[Step], spin: Array) -> Array:
         """(S,) lost to rolling resistance; spin (S, N)."""
