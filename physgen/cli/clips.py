@@ -362,7 +362,7 @@ def add_clips(parser: Parser) -> None:
 
 def add_overlays(parser: Parser) -> None:
     """Adds the flags that edit a scene, and the one that lets it read other folders."""
-    about = "edit a key: objects.ball-1.mass=200; * stands for every object"
+    about = "edit a key: objects.ball-1.mass=200; * stands for every object, KEY= takes it away"
     parser.option("--set", "KEY=VALUE", str, about, [], action="append")
     parser.option("--variant", "NAME", str, "apply a named variant of the file, or all")
     parser.flag("--allow-outside", "let the scene read files outside its folder")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -141,6 +142,10 @@ def _refuse_beside_refresh(options: argparse.Namespace) -> None:
     problems = [
         Problem(place, "", f'"{value}"', wrong, f"leave {flag} or --refresh out") for flag, value in found
     ]
+    if options.refresh and options.refresh.exists() and os.path.samestat(os.fstat(1), options.refresh.stat()):
+        expected = "is where the output goes, too: > empties it before it is read"
+        fix = "leave the > out: --refresh writes into the scene itself"
+        problems.append(Problem(place, "", str(options.refresh), expected, fix))
     if options.refresh and not options.output and options.refresh.suffix not in (".yaml", ".yml"):
         fix = "name the new scene file, which gets its maps beside it: -o NEW.yaml"
         problems.append(Problem(place, "", "--refresh", "needs -o", fix))

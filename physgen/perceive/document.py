@@ -392,11 +392,14 @@ def summary(perceived: PerceivedScene) -> list[str]:
     ways = {name: comments.get(f"objects.{name}.velocity", ", as before").split(", ")[1] for name in pushed}
     table["motion"] = "; ".join(f"{name} is pushed {way.partition(';')[0]}" for name, way in ways.items())
     table["motion"] = table["motion"] or "nothing is pushed"
-    regions = list(document.get("doubtful", ()))
+    regions = [
+        name for name, one in document.get("doubtful", {}).items() if "confidence" in one
+    ]  # not a user's
     doubts = [f"{', '.join(unsure)}: what is no object goes under doubtful, as {{mask: N}}"] if unsure else []
     if regions:
         what = f"{len(regions)} regions may be objects" if len(regions) > 1 else "1 region may be an object"
-        doubts.append(f"{what}, too: move {regions[0]} ... to objects to have one")
+        more = " ..." if len(regions) > 1 else ""
+        doubts.append(f"{what}, too: move {regions[0]}{more} to objects to have one")
     if doubts:
         table["doubtful"] = "; ".join([*doubts, "--box and --point mark what is missing"])
     return [first, *(f"  {name:<9} {' '.join(text.split())}" for name, text in table.items())]

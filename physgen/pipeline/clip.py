@@ -21,7 +21,7 @@ from physgen.pipeline.refining import Footage, Refiners, guidance_footage, refin
 from physgen.pipeline.stages import Aside, Film, Keep, Stages, fan, lint, render, resolved
 from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
 from physgen.progress import Progress, silent
-from physgen.scene.scene import ADD_OBJECT
+from physgen.scene.scene import ADD_OBJECT, Motion
 
 if TYPE_CHECKING:
     from physgen.compile.world import World
@@ -237,7 +237,7 @@ class _Run:
         from physgen.report.folders import output_folder
         from physgen.report.record import RunRecord, inputs, source_of
 
-        self.options, self.progress, self._warn = options, progress, warn
+        self.options, self.progress, self._warn, self._path = options, progress, warn, path
         variant = options.variant
         alone = command_alone(path, options)
         record = RunRecord(scene="", command=list(options.command) or alone, alone=alone)
@@ -307,8 +307,14 @@ class _Run:
                 record.mark = ""  # the next run makes it again: which of the two was drawn is unknown
             write_manifest(record, folder)
             lost = lost_files(self.final, {*record.files, "report.html"})
+            other = os.path.normpath(self.final / _manifest(self.final).get("source", record.source))
+        fix = "name all formats at once, or another folder with -o, to have both"
+        if os.path.isfile(other) and not os.path.samefile(other, self._path):
+            lost, fix = (
+                f"the clip of {other}",
+                "rename a scene, or choose another folder with -o, to have both",
+            )
         if lost:
-            fix = "name all formats at once, or another folder with -o, to have both"
             gone = f"had {lost} of an earlier run, which this one replaced"
             self._warn(Problem(Place(str(self.final)), "", "", gone, fix, Severity.WARNING))
         if faults:
@@ -358,12 +364,13 @@ class _Run:
         reach = np.array([body.reach for body in world.bodies])[:, None]
         moved = np.ptp(trajectory.poses, axis=0) * np.concatenate([np.ones((len(reach), 2)), reach], 1)
         if moved.max(initial=0.0) < UNMOVED:
-            fix = "write a velocity or a force" if world.bodies else ADD_OBJECT
+            look = 'see what holds it by --set "render.overlay=[outlines, contacts]"'
+            held = "write motion: dynamic, or " * any(item.motion is Motion.STATIC for item in scene.objects)
+            fix = f"no push moves anything: {held}{look}" if world.bodies else ADD_OBJECT
             if stuck := [item.name for item in scene.objects if any(item.velocity)]:
-                look = '--set "render.overlay=[outlines, contacts]"'
-                fix = f"{stuck[0]} has a velocity and is stuck: see what holds it by {look}"
+                fix = f"{stuck[0]} has a velocity and is stuck: {look}"
             elif push := default_push(scene, shapes_of(scene, self._mask_ids), {}):
-                fix = f"try --push {push.name}={push.way}, or {fix}"
+                fix = f"try --push {push.name}={push.way}, or write a velocity or a force"
             why = "nothing moves in this clip" + ": the scene has no objects" * (not world.bodies)
             self.warn(Problem(scene.place("objects"), "", "", why, fix, Severity.WARNING))
         else:  # at rest, no energy flows; a body's fall by a pixel is the least that counts

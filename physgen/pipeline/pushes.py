@@ -331,7 +331,9 @@ def _direction(flag: str, text: str) -> tuple[float, float]:
     try:
         angle = radians(finite(text))
     except ValueError:
+        close = nearest(text, [*WORDS, *(f"{y}-{x}" for y in ("up", "down") for x in ("right", "left"))])
         fix = "write right, left, up, down, up-right ... or degrees, 0 to the right and 90 down"
+        fix = f"did you mean {close}?" if close else fix
         raise InputError.of(flag, f'"{text}"', "is no direction", fix) from None
     return cos(angle), sin(angle)
 

@@ -20,7 +20,7 @@ from physgen.files import SCENE_FORMATS, Stamp, file_stamp
 from physgen.problems import InputError, Limit, Problem, RefusedError
 from physgen.scene.document import Node, Source, decode, read
 from physgen.scene.overlay import merge
-from physgen.text import shown
+from physgen.text import nearest, quoted, shown
 
 SUFFIXES = (".yaml", ".yml")
 MAPS = ("masks", "coverage", "background", "clean", "shadows", "depth", "normals", "albedo", "shading")
@@ -141,7 +141,8 @@ def _base(
     try:
         mode = os.stat(path).st_mode
     except (OSError, ValueError):
-        raise refused("does not exist", "write the path of a scene file, relative to this one") from None
+        fix = similar(path, "write the path of a scene file, relative to this one")
+        raise refused("does not exist", fix) from None
     if not stat.S_ISREG(mode):
         raise refused("is not a file", "write the path of a scene file, relative to this one")
     files[path] = file_stamp(path)  # before it is read: a save in between is noticed
@@ -157,6 +158,15 @@ def beside(name: str, written: str) -> str:
     return os.path.normpath(os.path.join(os.path.dirname(name), written))
 
 
+def similar(path: Path, fix: str) -> str:
+    """The fix where nothing has a path: what lies there under a similar name, else `fix`."""
+    try:
+        close = nearest(path.name, os.listdir(path.parent))
+    except OSError:
+        close = None
+    return f"did you mean {quoted(close)}?" if close and close != path.name else fix
+
+
 def image_size(path: Path) -> tuple[int, int]:
     """Width and height from an image's header; no pixel is decoded.
 
@@ -165,7 +175,8 @@ def image_size(path: Path) -> tuple[int, int]:
     from physgen.photos import open_picture, orientation
 
     if not (path.is_file() or path.is_dir()):
-        raise RefusedError("does not exist", "write the path of an image, relative to this file")
+        fix = similar(path, "write the path of an image, relative to this file")
+        raise RefusedError("does not exist", fix)
     try:
         with open_picture(path, SCENE_FORMATS) as image:
             size, turn = image.size, orientation(image)

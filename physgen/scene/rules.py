@@ -14,7 +14,7 @@ from physgen import registry
 from physgen.files import Stamp, file_stamp
 from physgen.problems import InputError, Limit, RefusedError
 from physgen.scene.document import Node, children, items, plain, whole
-from physgen.scene.files import ASSETS, OUTLINES, Record, confined, image_size, read_scene, written
+from physgen.scene.files import ASSETS, OUTLINES, Record, confined, image_size, read_scene, similar, written
 from physgen.scene.scene import video_size
 from physgen.scene.schema import advice, at
 from physgen.scene.validate import Findings, check_part
@@ -158,7 +158,7 @@ class _Rules:
         try:
             folder = confined(str(node.value), home, home, self.files.allow_outside)
             if not folder.is_dir():
-                raise RefusedError("is not a folder", "write the folder of masks.png")
+                raise RefusedError("is not a folder", similar(folder, "write the folder of masks.png"))
         except RefusedError as error:
             self.add(node.place, "assets", found, error.expected, error.fix)
             return

@@ -389,9 +389,10 @@ def _inside(node: Marked, value: Any, path: KeyPath) -> Patch:
 
 
 def _rewritten(text: str, path: KeyPath, value: Any) -> list[Patch]:
-    """Patches that write the value of a key or an item anew; a comment at the line's end stays."""
+    """Patches that write the value of a key or an item anew; a comment at the line's end stays, unless an entry's."""
     parent, at = parent_of(text, path)
     node = parent.children[at]
+    end = line_end(text, node.end) if node.kind in (dict, list) and not node.is_flow else node.end
     if parent.is_flow:
         return [_inside(node, value, path)]
     begin = entry(text, parent, at)
@@ -405,7 +406,7 @@ def _rewritten(text: str, path: KeyPath, value: Any) -> list[Patch]:
     first = first[len(start) :]
     if rest and not first and (node.kind is str or node.is_flow) and node.style not in ("|", ">"):
         return [(colon + 1, node.end, ""), below(text, node.end, rest)]
-    return [(colon + 1, node.end, newline(text).join([first, *rest]))]
+    return [(colon + 1, end, newline(text).join([first, *rest]))]
 
 
 # Comments of perception

@@ -54,8 +54,8 @@ class Energy:
     """(T,): lost since t = 0 to elasticity below 1, sliding, rolling resistance and dampers, summed from impulses and
     closing, sliding and turning speeds; never a remainder."""
     work: Array
-    """(T,): done since t = 0 by pushes, wind, motors and scripted bodies, and against gravity by what pushes overlapping
-    shapes apart. kinetic + potential + dissipated - work stays what it was."""
+    """(T,): done since t = 0 by pushes, wind, motors and scripted bodies, and against gravity where shapes that overlap
+    are pushed apart. kinetic + potential + dissipated - work stays what it was."""
 
 
 @dataclass(frozen=True)

@@ -95,6 +95,19 @@ def test_two_scenes_of_one_name_are_refused(lesson: Path, tmp_path: Path, capsys
     assert main(["render", str(lesson), str(twin), "-o", str(tmp_path / "out")]) == 2
     assert "both are called lesson" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+    told = []
+    for scene in (lesson, lesson, twin):  # one after the other
+        assert main(["render", str(scene), "-o", str(tmp_path / "out"), "--preview", "--no-cache"]) == 0
+        told.append(capsys.readouterr().err)
+    assert [f"had the clip of {lesson} of an earlier run" in text for text in told] == [False, False, True]
+
+
+def test_a_refresh_into_its_own_scene_by_the_shell_is_refused(lesson: Path) -> None:
+    command = [sys.executable, "-m", "physgen", "perceive", "--refresh", str(lesson)]
+    with lesson.open("a") as file:
+        ended = subprocess.run(command, stdout=file, stderr=subprocess.PIPE, text=True, check=False)
+    assert ended.returncode == 2
+    assert "is where the output goes, too: > empties it" in ended.stderr
 
 
 def test_check_tells_all_and_resolves(lesson: Path, capsys) -> None:

@@ -261,6 +261,11 @@ def test_a_first_key_behind_a_dash_goes_and_the_comment_below_it_stays() -> None
     assert "    # above b\n    b: 1\n" in new
 
 
+def test_the_comment_of_an_entry_goes_with_the_last_one() -> None:
+    text = "a:\n  b: {x: 1}  # of b\n  c: {x: 2}  # of c\nd: 1  # of d\n"
+    assert yaml_edit.put(text, ("a",), {}) == "a: {}\nd: 1  # of d\n"
+
+
 # Scenes, word for word
 
 SCENE = """\

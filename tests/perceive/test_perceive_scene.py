@@ -91,6 +91,11 @@ def test_a_photo_becomes_a_valid_scene(seen: PerceivedScene, tmp_path: Path):
     assert first.startswith(f"{len(scene.objects)} objects, confidence ")
     assert [line.split()[0] for line in more] == ["objects", "scale", "view", "support", "motion"]
     assert all(item.name in more[3] for item in scene.objects if item.motion is Motion.STATIC)
+    regions = {"cup-2": {"mask": 7}}  # the user's: no object
+    assert summary(replace(seen, document=seen.document | {"doubtful": regions})) == [first, *more]
+    regions |= {"maybe-3": {"mask": 8, "confidence": 0.3}}
+    *_, doubt = summary(replace(seen, document=seen.document | {"doubtful": regions}))
+    assert "1 region may be an object, too: move maybe-3 to objects to have one" in doubt
 
 
 def test_a_good_photo_of_an_unsure_object_says_where_to_look(seen: PerceivedScene):

@@ -117,7 +117,13 @@ def test_of_a_pile_in_a_box_the_top_is_pushed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "found"), [("domino-0", "lacks a direction"), ("domino-0=sideways", "is no direction")]
+    ("text", "found"),
+    [
+        ("domino-0", "lacks a direction"),
+        ("domino-0=sideways", "is no direction; write right, left"),
+        ("domino-0=rigth", r"is no direction; did you mean right\?"),
+        ("domino-0=upleft@2 m/s", r"is no direction; did you mean up-left\?"),
+    ],
 )
 def test_a_push_without_a_direction(text: str, found: str, row: Path) -> None:
     scene = pipeline.load(row)
@@ -306,6 +312,12 @@ def test_what_is_pushed_and_stuck_is_said_to_be_held(tmp_path: Path, capsys) -> 
     )
     assert main(["render", str(path), "-o", str(tmp_path / "out")]) == 0
     assert "nothing moves in this clip; block has a velocity and is stuck" in capsys.readouterr().err
+    path.write_text(path.read_text().replace(", velocity: [200, 0]", ""))
+    assert main(["render", str(path), "-o", str(tmp_path / "out")]) == 0
+    assert "nothing moves in this clip; no push moves anything: see what holds it" in capsys.readouterr().err
+    path.write_text(path.read_text().replace("shape: {box", "motion: static, shape: {box"))
+    assert main(["render", str(path), "-o", str(tmp_path / "out")]) == 0
+    assert "no push moves anything: write motion: dynamic, or see" in capsys.readouterr().err
 
 
 def test_a_push_that_sets_much_in_motion_is_preferred(tmp_path: Path) -> None:

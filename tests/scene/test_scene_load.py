@@ -156,6 +156,20 @@ def test_names_of_scenes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     assert (found.name, found.folder) == ("pool", tmp_path / "pool")
 
 
+def test_a_misspelt_path_is_corrected(tmp_path: Path) -> None:
+    path = write(tmp_path, "physgen: 1\nimage: phto.jpg\nassets: photo.asets\nobjects: {}\n")
+    with pytest.raises(InputError) as far:
+        load(path)
+    assert "did you mean" not in str(far.value)
+    (tmp_path / "photo.assets").mkdir()
+    (tmp_path / "photo.jpg").touch()
+    with pytest.raises(InputError) as near:
+        load(path)
+    assert [problem.fix for problem in near.value.problems] == [
+        'did you mean "photo.jpg"?', 'did you mean "photo.assets"?',
+    ]  # fmt: skip
+
+
 def test_a_photo_and_its_maps(tmp_path: Path) -> None:
     home = tmp_path / "scene"
     path = write(home, "physgen: 1\nimage: photo.jpg\nassets: maps\nobjects: {a: {mask: 7}}\n")
