@@ -21,6 +21,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from picture_features import Bank
 
 from physgen import pipeline
 from physgen.evaluate.fid import Distance, cloud, frechet
@@ -197,7 +198,7 @@ def fid(folder: Path) -> list[dict]:
         write(folder / "still", k, np.hstack([photo] * len(times)), side)
     methods["still"] = sources([unrolled(folder / "still", folder / "frames" / "still")])
     truth = sources([unrolled(CLIPS, folder / "frames" / "filmed")])
-    found = told.measure(truth, methods, told.Bank(), told.Settings())
+    found = told.measure(truth, methods, Bank(), told.Settings())
     rows = told.rows(found)
     for row in rows:
         name, _, way = row["method"].partition(", ")

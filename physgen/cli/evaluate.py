@@ -85,11 +85,8 @@ def add_fid(parser: Parser) -> None:
     about = "a method's clips: a folder of videos, of physgen's clips or of folders of frames; its name is the method's"
     parser.add_argument("clips", metavar="CLIPS", type=Path, nargs="+", help=about)
     parser.option("--reference", "DIR", Path, "the same of what is true", action="append", required=True)
-    about = (
-        "inception-2015-12-05.pt, the TorchScript file of published FIDs; without it, features that need no model and "
-        "are NOT comparable with published FIDs"
-    )
-    parser.option("--inception", "FILE", Path, about)
+    about = "inception-2015-12-05.pt, the TorchScript file of published FIDs"
+    parser.option("--inception", "FILE", Path, about, required=True)
     parser.option("--frames", "N", count, "frames of each clip, evenly; default: all")
     about = (
         "first frames of the methods' clips that do not count: 1 where theirs begin with the photo and the "
@@ -127,12 +124,8 @@ def run_fid(options: argparse.Namespace) -> int:
     return hand_over(findings(measured, options.skip), options)
 
 
-def _features(file: Path | None) -> Features:
-    """Those of Inception's file, or of no model. Raises InputError."""
-    from physgen.evaluate.fid import Bank
-
-    if file is None:
-        return Bank()
+def _features(file: Path) -> Features:
+    """Those of Inception's file. Raises InputError."""
     try:
         from physgen.evaluate.backends.inception import Inception
 

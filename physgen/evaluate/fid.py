@@ -47,10 +47,9 @@ CONSTANTS = Constants()
 
 
 class Features(Protocol):
-    """Pictures -> numbers: `Bank`, or `backends.inception.Inception`."""
+    """Pictures -> numbers, as of `backends.inception.Inception`."""
 
     name: str
-    comparable: bool  # whether these are the features that published FIDs are made of
 
     def __call__(self, pictures: U8) -> F64:
         """(N, H, W, 3) sRGB -> (N, D), all finite."""
@@ -59,60 +58,6 @@ class Features(Protocol):
     def note(self) -> Mapping[str, Any]:
         """For the record: what it was, exactly."""
         ...
-
-
-BANK_SIDE = 128
-"""px of the pictures that the bank looks at."""
-SIZES = (1.0, 2.0, 4.0, 8.0)
-"""px: standard deviations of Gaussians."""
-TURNS = np.pi * np.arange(4) / 4
-"""rad: across edges."""
-COLOURS, EDGES = 4, 3
-"""Fields along a side."""
-WHITE = 10.0
-LUMA = np.array([0.299, 0.587, 0.114], np.float32)
-"""Of R'G'B' (ITU-R BT.601)."""
-
-
-class Bank:
-    """Colours and edges of four sizes in fields of the picture; no model. NOT what published FIDs are made of.
-
-    192 numbers: mean colour in 4 x 4 fields, and the mean strength of edges in four directions and of four sizes in
-    3 x 3 fields. Edges are derivatives of a Gaussian times its size (Lindeberg, Feature Detection with Automatic Scale
-    Selection, IJCV 30, 1998), which makes sizes alike. All of it is on 128 x 128 px, in tenths of the way from black to
-    white.
-    """
-
-    name, comparable = "bank", False
-
-    def __call__(self, pictures: U8) -> F64:
-        """(N, H, W, 3) sRGB -> (N, 192)."""
-        return np.stack([_features(picture) for picture in pictures])
-
-    def note(self) -> Mapping[str, Any]:
-        """Its version and size."""
-        return {"name": "bank 1", "features": 3 * COLOURS**2 + len(SIZES) * len(TURNS) * EDGES**2}
-
-
-def _features(picture: U8) -> F64:
-    way = cv2.INTER_AREA if min(picture.shape[:2]) >= BANK_SIDE else cv2.INTER_LINEAR
-    rgb = cv2.resize(picture, (BANK_SIDE, BANK_SIDE), interpolation=way).astype(np.float32) * np.float32(
-        WHITE / 255
-    )
-    grey = rgb @ LUMA
-    parts = [_fields(rgb, COLOURS)]
-    for size in SIZES:
-        soft = cv2.GaussianBlur(grey, (0, 0), size, borderType=cv2.BORDER_REFLECT_101)
-        across = cv2.Sobel(soft, cv2.CV_32F, 1, 0, ksize=3, scale=size / 8)
-        down = cv2.Sobel(soft, cv2.CV_32F, 0, 1, ksize=3, scale=size / 8)
-        edges = [np.abs(np.cos(turn) * across + np.sin(turn) * down) for turn in TURNS]
-        parts.append(_fields(np.stack(edges, axis=2).astype(np.float32), EDGES))
-    return np.concatenate(parts).astype(np.float64)
-
-
-def _fields(maps: F32, count: int) -> F32:
-    """Means of (H, W, C) in `count` x `count` fields, (count² C,)."""
-    return np.asarray(cv2.resize(maps, (count, count), interpolation=cv2.INTER_AREA), np.float32).ravel()
 
 
 # ---- distances ---------------------------------------------------------------------------------------------------
@@ -369,7 +314,7 @@ def _add_clip(side: Side, clip: Source, features: Features, settings: Settings, 
             found = features(np.stack(pictures))
             if not np.isfinite(found).all():
                 expected = "gives numbers that are not finite"
-                raise InputError.of("--inception", "", expected, "name another file, or leave it out")
+                raise InputError.of("--inception", "", expected, "name another file")
             side.features[kind].append(found)
 
 
@@ -400,21 +345,17 @@ BIASED = (
 def findings(found: Measured, skipped: int = 0) -> Findings:
     """`skipped`: first frames that do not count, for the record."""
     features = found.features
-    heads = {
-        kind: word if features.comparable else f"{word}, {features.name}" for kind, word in WORDS.items()
-    }
-    tables = tuple(_table(found, kind, heads[kind]) for kind in found.found)
+    tables = tuple(_table(found, kind) for kind in found.found)
     sections = (Section("Distances", BIASED, tables), Section("How", _how(found)))
     more = {
         "features": features.name,
         "features_note": dict(features.note()),
         "flow": f"DIS, medium, OpenCV {cv2.__version__}",
         "skipped": skipped,
-        "comparable": features.comparable,
         "settings": settings_record(found),
         "reference": _counts(found.reference),
     }
-    sentences = tuple(_sentences(found, heads))
+    sentences = tuple(_sentences(found))
     return Findings(
         "fid", "Frames and motion against a reference", sentences, sections, rows(found), more=more
     )
@@ -462,27 +403,22 @@ def _between(distance: Distance) -> str:
     return f"[{_number(low)}, {_number(high)}]"
 
 
-def _sentences(found: Measured, heads: Mapping[str, str]) -> Iterator[str]:
-    """The order of the methods, and what limits it."""
+def _sentences(found: Measured) -> Iterator[str]:
+    """The order of the methods."""
     for kind, one in found.found.items():
         order = sorted(one.items(), key=lambda pair: pair[1].value)
         names = [f"{name} {_number(distance.value)}, 95 %: {_between(distance)}" for name, distance in order]
-        yield f"{heads[kind]}{', the nearest first' * (len(order) > 1)}: {'; '.join(names)}."
-    if not found.features.comparable:
-        yield (
-            f"NOT comparable with published FIDs: these are distances of {found.features.name}, colours and edges in "
-            "fields of the picture. Name the Inception file with --inception for those; see docs/evaluation.md."
-        )
+        yield f"{WORDS[kind]}{', the nearest first' * (len(order) > 1)}: {'; '.join(names)}."
 
 
-def _table(found: Measured, kind: str, head: str) -> Table:
+def _table(found: Measured, kind: str) -> Table:
     lines = tuple(
         (name, str(len(side.lengths)), str(side.count(kind)), _number(one.value), _between(one))
         for name, side in found.methods.items()
         for one in (found.found[kind][name],)
     )
     note = f"Reference: {len(found.reference.lengths)} clips, {found.reference.count(kind)} pictures."
-    return Table(("method", "clips", "pictures", head, "95 %"), lines, note=note)
+    return Table(("method", "clips", "pictures", WORDS[kind], "95 %"), lines, note=note)
 
 
 def _how(found: Measured) -> tuple[str, str]:

@@ -32,7 +32,7 @@ class Inception:
     Raises InputError where there is no file; it is loaded when first needed.
     """
 
-    name, comparable = "inception", True
+    name = "inception"
 
     def __init__(self, path: Path) -> None:
         self._path = path.expanduser()
