@@ -448,7 +448,7 @@ def arguments(folder: Path, chance: random.Random) -> Iterator[tuple[str, ...]]:
     with (seed / "scene.yaml").open() as stream:
         objects = list(yaml.safe_load(stream)["objects"])
     flags = (("--box", f"{name},1,9,9"), ("--point", chance.choice(POINTS)), ("--side", number), ("--label", name),
-             ("--label", f"ball={name}"), ("--masks", name), ("--find", name), ("--assets", name))  # fmt: skip
+             ("--label", f"ball={name}"), ("--masks", name), ("--find", name))  # fmt: skip
     lines = (
         ("render", "scene.yaml", "-o", name, *FRAMES),
         ("simulate", "scene.yaml", "-o", name, "--set", "world.duration=0.1"),

@@ -7,7 +7,7 @@
 whose code, scenes and refused files are used; it is this one by default. PHYSGEN_PEER_SCENES may name a folder of
 further scenes (one folder each, as `physgen import physgen` reads them). What is recorded:
 
-    scenes      every scene: `check --resolved`, samples of the trajectory, frames spread over its duration, and the
+    scenes      every scene: what it resolves to, samples of the trajectory, frames spread over its duration, and the
                 names of the output files
     perceive    every bundled photo and the peers: scene file without its comments, and the maps
     export      two scenes, in all formats
@@ -277,8 +277,7 @@ RENDER_SKIP = ("*.html", "*.mp4", "manifest.json", "*.js", "*.css", "*.gif", "*.
 def scene_values(runner: Runner, scene: str, frames: int, flags: tuple[str, ...] = ()) -> Values:
     """What becomes of one scene."""
     name = scene.replace("/", "-").removesuffix(".yaml") + "".join(flags).replace("/", "-")
-    resolved = runner.run("check", "--resolved", scene)
-    values: Values = {"resolved": without_comments(resolved.stdout), "check": outcome(resolved)}
+    values: Values = {"check": outcome(runner.run("check", scene))}
     output = runner.made(f"trajectory/{name}.npz")
     values["simulate"] = outcome(runner.run("simulate", scene, "-o", str(output), *flags))
     if output.exists():
@@ -292,6 +291,7 @@ def scene_values(runner: Runner, scene: str, frames: int, flags: tuple[str, ...]
         values["render"] = outcome(done)
         values["clip"] = folder_values(clips, RENDER_SKIP)
         for manifest in clips.rglob("manifest.json"):
+            values["resolved"] = json.loads(manifest.read_text())["document"]
             values["manifest keys"] = sorted(set(key_paths(json.loads(manifest.read_text()))))
     return values
 

@@ -1,4 +1,4 @@
-"""Features of pictures without a model, for comparisons of clips within this project: no published FID is made of them."""
+"""Features of pictures without a model, to compare clips within this project: no published FID is made of them."""
 
 from __future__ import annotations
 

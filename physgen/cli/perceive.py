@@ -44,7 +44,6 @@ def perceive(options: argparse.Namespace) -> int:
         "points": marks[boxes:],
         "labels": options.label,
         "asked": options.find,
-        "assets": options.assets,
         "crew": crew,
         "progress": bar.show,
         "warn": print_problem,
@@ -69,7 +68,7 @@ def _perceive_many(options: argparse.Namespace) -> int:
     from physgen import pipeline
 
     single = {"--masks": options.masks, "--box": options.box, "--point": options.point,
-             "--label": options.label, "--assets": options.assets}  # fmt: skip
+             "--label": options.label}  # fmt: skip
     names = _names(options.image)
     twins = sorted({name for name in names if names.count(name) > 1})
     fix = "leave it out, or name one photo"
@@ -211,7 +210,6 @@ def add_perceive(parser: Parser) -> None:
     parser.option("--label", "NAME=TEXT", str, about, [], action="append")
     about = "longest side of the scene's photo, px; default: at most 1600"
     parser.option("--side", "PX", whole(LEAST_SIDE, 100_000), about)
-    parser.option("--assets", "DIR", Path, "folder for the maps")
     parser.flag("--still", "leave out the push that sets the scene in motion")
     about = 'what to look for, for backends that find what they are asked for: "ball, wooden block"'
     parser.option("--find", "NOUN,...", names, about, [])

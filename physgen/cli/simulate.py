@@ -68,12 +68,8 @@ def _cell(value: Any) -> str:
 
 def check(options: argparse.Namespace) -> int:
     from physgen import pipeline
-    from physgen.compile.world import pair_header
-    from physgen.pipeline.stages import resolved as resolved_data
-    from physgen.scene.write import scene_text
 
     report: list[Problem] = []
-    resolved = []
     lines = []
     for path in options.scenes:
         own: dict[Problem, None] = {}
@@ -83,23 +79,16 @@ def check(options: argparse.Namespace) -> int:
                 maps = pipeline.percepts(scene)
                 compiled = pipeline.compile(scene, maps)
                 own |= dict.fromkeys(pipeline.lint(scene, compiled, maps))
-                if options.resolved:
-                    resolved.append(
-                        scene_text(resolved_data(scene, compiled), header=pair_header(compiled.world))
-                    )
         except InputError as error:
             own |= dict.fromkeys(error.problems)
         report += [problem for problem in own if problem not in report]
         lines.append(f"{path}: {_counted(own)}")
     failed = any(p.severity is Severity.ERROR or options.strict for p in report)
     if options.json:
-        print_json(
-            {"problems": [p.as_dict() for p in report], "passed": not failed, "resolved": resolved or None}
-        )
+        print_json({"problems": [p.as_dict() for p in report], "passed": not failed})
     else:
         print_problems(report)
-        sys.stdout.write("---\n".join(resolved))
-        for line in () if options.resolved else lines:
+        for line in lines:
             print_line(line)
     return WRONG_INPUT if failed else OK
 
@@ -164,7 +153,6 @@ def add_show(parser: Parser) -> None:
 def add_check(parser: Parser) -> None:
     parser.add_argument("scenes", metavar="SCENE", nargs="+")
     parser.flag("--strict", "warnings count as errors")
-    parser.flag("--resolved", "print the scene with overlays applied and defaults filled in")
     parser.flag("--json", "print problems as JSON")
     add_overlays(parser)
 

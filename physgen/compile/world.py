@@ -273,15 +273,6 @@ def _names(names: Sequence[str]) -> str:
     return shown if shown.count(",") < 3 else f"{names[0]}, {names[1]} and {len(names) - 2} more"
 
 
-def pair_header(world: World) -> str:
-    """The table as lines of text; "" where nothing can touch."""
-    rows = [
-        f"{p.first} x {p.second}: friction {p.friction:.4g}, elasticity {p.elasticity:.4g}"
-        for p in pair_table(world)
-    ]
-    return "\n".join(["pair coefficients in use:", *rows]) if rows else ""
-
-
 def placed_outline(outline: Outline, item: Object) -> Outline:
     """The outline at t = 0."""
     if item.place is None:

@@ -104,13 +104,14 @@ def _resampled(world: World, clip: Trajectory) -> Trajectory:
     most, end = max(LIMITS.most // len(world.bodies), 2), world.duration
     rate = min(max(LIMITS.rate, LIMITS.least / end), world.steps_per_second)
     even = np.linspace(0.0, end, min(ceil(end * rate - 1e-6), most) + 1)
-    begins = clip.sampled(np.array([0.0, end])).contacts.touch_times[:most, 0]
+    whole = clip.sampled(np.array([0.0, end]))  # the last frame is before the end
+    begins = whole.contacts.touch_times[:most, 0]
     step = LIMITS.after / world.steps_per_second
     pushes = np.array([push.start for push in world.pushes])
     every = np.unique(
         np.concatenate([even, begins, begins - LIMITS.before, begins - step, begins + step, pushes])
     )
-    return clip.sampled(every[(every >= 0) & (every <= end)])
+    return whole.sampled(every[(every >= 0) & (every <= end)])
 
 
 def _sample(seen: Trajectory, time: float) -> int:

@@ -431,7 +431,6 @@ def write_scene(
     photo: Path | None,
     name: str,
     output: Path | None,
-    assets: Path | None = None,
     keep: Keep = ignore_kept_file,
     before: str | None = None,
     known: Record = UNKNOWN,
@@ -441,11 +440,10 @@ def write_scene(
     `before` is the text of a scene that was perceived again: lines, comments and shapes stay where nothing is new;
     `known` is the record beside it.
 
-    Assets go to `OUTPUT-STEM.assets/` beside the scene, or `NAME.assets/` in the current folder, unless `assets` says
-    otherwise; those of a scene that differs and is in the way stay, and the new ones go to `OUTPUT-STEM-2.assets/`.
+    Assets go to `OUTPUT-STEM.assets/` beside the scene, or `NAME.assets/` in the current folder; those of a scene that
+    differs and is in the way stay, and the new ones go to `OUTPUT-STEM-2.assets/`.
     `photo` is its file, copied into them from outside the scene's folder; None where no scene can name the file as it
     is: it is then written as `NAME.png`. Existing files that differ are kept as `NAME~` (`keep` is called with them).
-    Raises InputError when the assets would lie outside the scene's folder.
     """
     folder = output.parent if output else Path()
     inside = photo is not None and photo.resolve().is_relative_to(folder.resolve())
@@ -467,16 +465,11 @@ def write_scene(
         text = _rewritten(before, old, head | body, perceived, known)
         return re.sub(r"\A# yaml-language-server: .*", f"# yaml-language-server: $schema={modeline}", text)
 
-    if assets is None and output is not None:
+    assets = folder / f"{name}.assets"
+    if output is not None:
         free, there = free_folder(output)  # a folder that is there may be another scene's
         same = there and output.is_file() and written(there).encode() == output.read_bytes()
-        assets = there if same else free
-    assets = assets or folder / f"{output.stem if output else name}.assets"
-    if not assets.resolve().is_relative_to(folder.resolve()):
-        where = "beside -o" if output else "in the current folder"
-        expected = "lies outside the scene's folder"
-        raise InputError.of("--assets", f'"{assets}"', expected, f"name a folder {where}")
-    if output is not None:
+        assets = there if there and same else free
         folder.mkdir(parents=True, exist_ok=True)
     ours = {*(f"{name}.png" for name in MAPS), OUTLINES, SCHEMA}
     for file, crc in recorded(assets, "files").items():

@@ -36,8 +36,6 @@ class PerceiveOptions:
     """`NAME=TEXT`."""
     asked: Sequence[str] = ()
     """Objects that the segment backend is to find."""
-    assets: Path | None = None
-    """Folder of the maps."""
     side: int | None = None
     """px: longest side of the photo, made smaller above; None: the default."""
     still: bool = False
@@ -112,7 +110,7 @@ def perceive(
     with suppress(InputError):  # it is reported when the scene is rendered
         perceived = _at_rest(perceived)
         perceived = perceived if options.still or not perceived.document["objects"] else _pushed(perceived)
-    text = write_scene(perceived, image if as_it_is else None, image.stem, output, options.assets, keep)
+    text = write_scene(perceived, image if as_it_is else None, image.stem, output, keep)
     inform(f"{image}: " + "\n".join(summary(perceived)))  # last: nobody may read it any more
     return text
 
@@ -266,8 +264,7 @@ def import_physgen(
     imported = run(folder, progress=progress)
     for problem in imported.warnings:
         warn(problem)
-    assets = None if output else Path(f"{folder.resolve().name}.assets")
-    return write_scene(imported, folder / "original.png", "original", output, assets, keep)
+    return write_scene(imported, folder / "original.png", folder.resolve().name, output, keep)
 
 
 def refresh(
@@ -360,6 +357,6 @@ def refresh(
     text = None if "extends" in own else path.read_bytes().decode("utf-8-sig")
     perceived = replace(perceived, comments={} if text is None else perceived.comments, wrote=wrote)
     image = scene.image if photo.plain else None
-    new = write_scene(perceived, image, scene.image.stem, output, options.assets, keep, text, record)
+    new = write_scene(perceived, image, scene.image.stem, output, keep, text, record)
     inform(f"{path}: " + "\n".join(summary(summed)))
     return new

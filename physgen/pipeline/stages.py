@@ -372,7 +372,7 @@ class Stages:
         compiled, run = ended(scene, compile_shapes(scene, shapes))
         if run is not None:
             world = compiled.world
-            self._motions.of(motion_key(world), lambda: run.sampled(world.times))
+            self._motions.of(motion_key(world), lambda: run.recording.sampled(world.times))
         return compiled
 
     def stage(self, scene: Scene, compiled: Compiled, maps: Maps) -> Stage:

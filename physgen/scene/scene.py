@@ -517,7 +517,7 @@ class Scene:
     document: Mapping[str, Any] = field(
         default_factory=lambda: MappingProxyType({}), compare=False, repr=False
     )
-    """The resolved document as plain YAML data, defaults filled in: what `check --resolved` prints."""
+    """The resolved document as plain YAML data, defaults filled in: what a clip's manifest has."""
     variants: tuple[str, ...] = ()
     """Names of the variants that the file offers."""
     files: tuple[Path, ...] = field(default=(), compare=False, repr=False)

@@ -48,7 +48,7 @@ from physgen.simulate.step_control import Governor, StepDivider
 from physgen.simulate.trajectory import Effort, Trajectory
 
 Index = NDArray[np.int64]
-Done = tuple[tuple[int, int, int, int, int], float, tuple[int, int] | None, int | None]
+Done = tuple[int, int, int, int, int, float, int, int]
 
 PHASE = 0.1
 """rad that the stiffest spring, or a pass by an attractor, may turn in a step."""
@@ -71,6 +71,39 @@ def simulate(world: World, times: Array | None = None, progress: Progress = sile
     return running.trajectory()
 
 
+class Recording:
+    """The steps of a run, to be read again at other times: they do not depend on samples."""
+
+    def __init__(self, world: World, moving: Index, loads: ForceFields, scripts: ScriptedMotion) -> None:
+        self._world, self._parts = world, (moving, loads, scripts)
+        self._steps, self._bytes = list[tuple[Step, Done]](), 0
+        self.begun: tuple[tuple[Step, Array, Array, Array], Done]
+
+    def recorder(self, times: Array) -> Recorder:
+        """One of the run's world."""
+        return Recorder(self._world, *self._parts, times)
+
+    def add(self, step: Step, effort: Done) -> None:
+        """Note a step, unless the run is too large to be kept."""
+        self._bytes += len(step.numbers) + 2 * len(step.states) + 600  # of Python's own
+        self._steps.append((step, effort))
+        if self._bytes > STEP_BYTES:
+            self._steps.clear()
+
+    def sampled(self, times: Array) -> Trajectory:
+        """The motion at these times, s, rising, bit for bit as `simulate` gives it."""
+        base, ledger, (begin, effort) = 1 / self._world.steps_per_second, self.recorder(times), self.begun
+        last = ceil(float(times.max(initial=0.0)) / base - 1e-9) * base
+        kept = list(takewhile(lambda kept: kept[0].time < last + base / 2, self._steps))
+        if self._bytes > STEP_BYTES or (kept[-1][0].time if kept else 0.0) < last - base / 2:
+            return simulate(self._world, times)
+        ledger.begin(*begin)
+        for step, effort in kept:  # noqa: B007 - the last one's counts
+            ledger.add(step)
+        ledger.read()
+        return ledger.trajectory(Effort(*effort), self.sampled)
+
+
 class Running:
     """A simulation under way: taken on piece by piece, however the pieces are cut, it becomes what `simulate` gives."""
 
@@ -85,8 +118,8 @@ class Running:
         moving = self._space.moving
         self._loads, self._scripts = ForceFields(world), ScriptedMotion(world)
         self._lasting = StepForces(world, moving, self._loads)
-        self._ledger = self._recorder(self.times)
-        self._taken, self._bytes = list[tuple[Step, Done]](), 0
+        self.recording = Recording(world, moving, self._loads, self._scripts)
+        self._ledger = self.recording.recorder(self.times)
         self._row = {int(body): row for row, body in enumerate(moving)}
         self._stepper = Stepper(world, self._space, self._lasting, self._governor)
         self._kicks = Impulses(world)
@@ -102,9 +135,6 @@ class Running:
             fix = f"make it softer, what it joins heavier, or steps_per_second larger: at most {MOST_PARTS} parts"
             raise InputError([Problem(UNKNOWN_PLACE, f"joints.{name}.stiffness", "", found, fix)])
         self._divided = self._most_parts = self._reviewed = 0
-
-    def _recorder(self, times: Array) -> Recorder:
-        return Recorder(self._world, self._space.moving, self._loads, self._scripts, times)
 
     @property
     def end(self) -> float:
@@ -139,36 +169,19 @@ class Running:
         with self._overflow_named():
             self._ledger.read()
 
-    def sampled(self, times: Array) -> Trajectory:
-        """The same motion at other times, s, rising, bit for bit: steps do not depend on samples."""
-        last = ceil(float(times.max(initial=0.0)) / self._base - 1e-9)
-        self.on(last * self._base)
-        if self._bytes > STEP_BYTES:
-            return simulate(self._world, times)
-        ledger = self._recorder(times)
-        with self._overflow_named():
-            ledger.begin(*self._begun)
-            taken = list(takewhile(lambda taken: taken[0].time < (last + 0.5) * self._base, self._taken))
-            for step, _ in taken:
-                ledger.add(step)
-            ledger.read()
-        return ledger.trajectory(self._effort(taken[-1][1] if taken else self._begun_done), self.sampled)
-
     def trajectory(self) -> Trajectory:
         """What is known; samples from `done` on are not taken yet, and zeros."""
-        return self._ledger.trajectory(self._effort(self._done()), self.sampled)
+        return self._ledger.trajectory(Effort(*self._effort()), self.recording.sampled)
 
-    def _done(self) -> Done:
-        """What `Effort` needs to know of the run so far."""
-        stepper, governor = self._stepper, self._governor
-        counts = stepper.steps, self._divided, self._most_parts, governor.most_sweeps, stepper.impacts
-        return counts, governor.loudest, stepper.budget.exceeded_by, self._reach.overworked_by
-
-    def _effort(self, done: Done) -> Effort:
-        counts, loudest, pair, alone = done
+    def _effort(self) -> Done:
+        """The values of `Effort` so far."""
+        stepper, governor, alone = self._stepper, self._governor, self._reach.overworked_by
+        pair = stepper.budget.exceeded_by or (-1, -1)
         if alone is not None:
             pair = int(self._space.moving[alone]), -1
-        return Effort(*counts, self._governor.threshold(self._base, loudest), *(pair or (-1, -1)))
+        still = governor.threshold(self._base, governor.loudest)
+        counts = stepper.steps, self._divided, self._most_parts, governor.most_sweeps, stepper.impacts
+        return *counts, still, *pair
 
     @contextmanager
     def _overflow_named(self) -> Iterator[None]:
@@ -205,8 +218,8 @@ class Running:
         self._space.weaken(1.0)
         if step.before is None:
             step.before = state[:, 3:].copy()
-        self._begun, self._begun_done = (step, pose, shown, roll), self._done()
-        self._ledger.begin(*self._begun)
+        self._ledger.begin(step, pose, shown, roll)
+        self.recording.begun = (step, pose, shown, roll), self._effort()
 
     def _advance(self) -> None:
         """A base step, in as many parts as it needs."""
@@ -267,15 +280,12 @@ class Running:
         self._record(step, h)
 
     def _record(self, step: Step, h: float) -> None:
-        self._bytes += len(step.numbers) + 2 * len(step.states) + 600  # of Python's own
         if self._ledger.add(step):
             ledger, since = self._ledger, self._stepper.steps - self._reviewed
             self._reviewed = self._stepper.steps
             contacts = len(step.numbers) // CONTACT_BYTES
             self._governor.review(since, contacts, ledger.residual, ledger.overlap, h)
-        self._taken.append((step, self._done()))
-        if self._bytes > STEP_BYTES:
-            self._taken.clear()
+        self.recording.add(step, self._effort())
 
     def _kicked(self, begin: float, end: float, state: Array) -> list[EnergyEvent]:
         """Impulses that are given within this step, at their times, in the state (M, 6)."""

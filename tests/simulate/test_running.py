@@ -66,13 +66,11 @@ def test_a_run_too_large_to_be_kept_is_simulated_again(monkeypatch: pytest.Monke
 
 
 def test_a_clip_is_simulated_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Its end, frames, blur, page, trails and events are read from one run."""
+    """Its end, frames, blur, page and trails are read from one run."""
     starts, start = [], Running._start
     monkeypatch.setattr(Running, "_start", lambda self: (starts.append(1), start(self))[1])
     edits = ["world.duration=auto", "render.fps=10", "render.motion_blur=0.5", "render.overlay=[trails, contacts]"]
-    folder = pipeline.render_scene(
-        SCENES / "cans" / "scene.yaml", tmp_path, overrides=tuple(edits), export=("events",)
-    )
+    folder = pipeline.render_scene(SCENES / "cans" / "scene.yaml", tmp_path, overrides=tuple(edits))
     assert len(starts) == 1
     monkeypatch.undo()
     scene = pipeline.load(SCENES / "cans" / "scene.yaml", edits)
