@@ -46,8 +46,9 @@ class _Tuning:
     nearby: tuple[float, ...] = (0.5, 1.0, 1.5, 2.0)  # shifts at which shade might lie as well, by chance
     sure: float = 6.0  # times chance from which shade is believed (studio photos of the split `tune`)
     seen: float = 0.025  # contrast from which it is believed
-    least_factor: float = 0.3  # of seen over predicted depth
-    most_factor: float = 1.5  # the same: what is darker is another surface, or the shade of what carries the objects
+    # of seen over predicted depth: what is darker is another surface, or the shade of what carries the objects
+    least_factor: float = 0.3
+    most_factor: float = 1.5
     along: tuple[tuple[float, float, float], ...] = (
         (0.7, 0.08, 1.0), (2.0, 0.16, 0.05), (4.0, 0.6, 2e-3), (8.0, 2.0, 1e-5),
     )  # fmt: skip
