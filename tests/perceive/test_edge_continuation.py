@@ -7,7 +7,6 @@ import pytest
 from numpy.typing import NDArray
 
 from physgen import registry
-from physgen.perceive.inpaint.edge_continuation import continue_edges
 
 SIZE = 160
 EDGE = 90
@@ -79,13 +78,3 @@ def test_the_edge_of_a_shadow_that_fades_does_not_go_on_through_the_hole() -> No
     truth = np.full((SIZE, SIZE, 3), 230.0) - (60 * np.clip((125 - y) / 40, 0, 1) * (x >= 70))[..., None]
     filled = registry.make("inpaint")(truth.astype(np.uint8), np.hypot(x - 72, y - 107) < 24).astype(float)
     assert abs(filled[114:128, 60:66].mean() - filled[114:128, 78:84].mean()) < 15
-
-
-def test_an_edge_goes_on_no_farther_than_what_is_seen_of_it_says() -> None:
-    """The far edge of a table's top slants up at its end; straight on, it would rise up the wall."""
-    y, x = np.mgrid[:160, :262]
-    table = (y >= 118) | ((y > 100 + 0.25 * (x - 240)) & (x > 200))
-    picture = np.where(table[..., None], [90, 50, 30], [235, 235, 230]).astype(np.float32)
-    _, where = continue_edges(picture, (x > 40) & (x < 244) & (y > 30) & (y < 116))
-    assert where[90:100, 200:].any()
-    assert not where[:66].any()

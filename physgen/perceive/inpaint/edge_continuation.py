@@ -36,7 +36,6 @@ class _Matching:
     coherence: float = 0.75  # of the structure tensor, from which an edge has a direction
     unmatched_contrast: float = 50.0  # the contrast from which an unmatched edge goes on
     certain: float = 200.0  # the contrast from which it goes on to the hole's other side
-    farther: float = 4.0  # times as far as it is seen outside, at most
     similar: float = 25.0  # by which the more similar side of an edge may differ from end to end
     max_doubt: float = 0.75  # that two ends belong to one edge: colours, turns that are no arc's, long bends
     bulge: float = 0.1  # bending from which an edge that only runs along the hole's border is not drawn
@@ -60,7 +59,6 @@ class BorderEnd:
     left: F64  # Mean colour to the left of `towards` (y down: the side of (ty, -tx))
     right: F64
     contrast: float
-    seen: int  # px that it is straight outside the hole
     profile: F64  # (2 STRIP + 1, 3): colours across it, from left to right; NaN where hidden
 
 
@@ -160,19 +158,7 @@ def border_ends(known: KnownSurroundings, piece: Mask) -> Iterator[BorderEnd]:
             shift = 0 if np.isnan(slope).all() else int(np.nanargmax(slope)) - (len(slope) - 1) // 2
             at = path[i] + shift * np.array([-towards[1], towards[0]])
             across = border_profile(picture, blocked, at, towards)
-            seen = _seen(picture, blocked, at, towards, float(contrast[i]) / 2)
-            yield BorderEnd(int(i), at, towards, left[i], right[i], float(contrast[i]), seen, across)
-
-
-def _seen(picture: F32, blocked: Mask, at: F64, towards: F64, least: float) -> int:
-    """px that an edge which enters a hole goes back straight outside, with a contrast of at least that."""
-    x, y = (at - np.arange(sum(blocked.shape))[:, None] * towards).T
-    beside = SIDE / 2 * towards[::-1] * (1, -1)
-    (one, known), (other, both) = (
-        _sampled(picture, blocked, x + k * beside[0], y + k * beside[1]) for k in (1, -1)
-    )
-    there = known & both & (np.linalg.norm(one - other, axis=1) > least)
-    return int(np.argmin(np.append(there, False)))
+            yield BorderEnd(int(i), at, towards, left[i], right[i], float(contrast[i]), across)
 
 
 def _sampled(picture: F32, blocked: Mask, x: F64, y: F64) -> tuple[F32, Mask]:
@@ -218,8 +204,7 @@ def _lines(ends: list[BorderEnd], piece: Mask) -> Iterator[BorderLine]:
         (one for one in alone if one.contrast > MATCHING.certain), key=lambda one: -one.contrast
     ):
         path, inside = straight_path(end.at, end.towards, piece)
-        first, last = np.flatnonzero(np.append(True, inside))[[0, -1]]
-        path = path[: min(last, first + int(2 * MATCHING.farther * end.seen))]
+        path = path[: np.flatnonzero(np.append(True, inside))[-1]]
         x, y = np.round(path).astype(int).T
         if len(path) and not drawn[y, x].any():
             _draw(drawn, path)
