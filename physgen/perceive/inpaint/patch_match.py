@@ -50,7 +50,8 @@ class _Tuning:
     distance_cost: float = 60.0
     # squared levels a pixel (of 128) between a patch and its match: where nothing known is like it, the guess stays
     unlike: float = 2000.0
-    texture: float = 4.0  # levels, for one of slope, as which roughness is compared
+    # levels, for one of slope, as which roughness is compared; from 3 on a studio photo's ground is filled from grass
+    texture: float = 2.0
     around: float = 16.0  # px, standard deviation: how far around a pixel that is averaged
     roughest: float = 60.0  # levels of slope: more is as rough
     max_depth: float = 4.5  # px that the hole may be deep at the coarsest scale
