@@ -343,14 +343,12 @@ def _cast(
 ) -> CastShadow:
     """One object's shadow at t = 0: what geometry foretells, and what the photo shows beyond."""
     own = _trimmed(*own)
-    sliding = None
-    if setting.top and is_round and first is not None:
-        sliding = _trimmed(*joined_pictures([unbounded_shadow(start, setting, step), own]))
-        box, picture = shifted_picture(sliding[1], sliding[0][:2], (0.0, 0.0), setting.size)
-        whole = None if box is None else (box, picture)
-        return CastShadow(start, step, whole, own, (sliding[0][:2], sliding[1]), is_round)
-    whole = _trimmed(*joined_pictures([own] if first is None else [first, own]))
-    return CastShadow(start, step, whole if whole[1].size else None, own, None, is_round)
+    slides = setting.top and is_round and first is not None
+    geometry = unbounded_shadow(start, setting, step) if slides else first
+    (x, y, *_), everything = _trimmed(*joined_pictures([own] if geometry is None else [geometry, own]))
+    box, seen = shifted_picture(everything, (x, y), (0.0, 0.0), setting.size)
+    whole = None if box is None else (box, seen)
+    return CastShadow(start, step, whole, own, ((x, y), everything) if slides else None, is_round)
 
 
 def _leaning(casts: list[CastShadow]) -> list[CastShadow]:
@@ -475,11 +473,14 @@ def _owned(rest: F32, claim: tuple[PixelBox, F32], claimed: F32) -> tuple[PixelB
         return claim
     share = mine / (claimed[y0:y1, x0:x1] + np.float32(SHADOW.claimed[0]))
     own = rest[y0:y1, x0:x1] * np.maximum(2 * share - 1, 0)
-    edge = 6  # nothing at the box's border, so that it may move unseen
-    ramp_x = np.clip(np.minimum(np.arange(x1 - x0), np.arange(x1 - x0)[::-1]) / edge, 0, 1)
-    ramp_y = np.clip(np.minimum(np.arange(y1 - y0), np.arange(y1 - y0)[::-1]) / edge, 0, 1)
-    own = own * (ramp_x[None, :] * ramp_y[:, None]).astype(np.float32)
-    return (x0, y0, x1, y1), np.asarray(own, np.float32)
+    # nothing at the box's border, so that it may move unseen; at the photo's, where nobody knows, it goes on as there
+    edge = 6
+    height, width = rest.shape
+    beyond = [edge * met for met in (y0 <= 0, y1 >= height, x0 <= 0, x1 >= width)]
+    own = cv2.copyMakeBorder(own, *beyond, cv2.BORDER_REPLICATE)
+    down, across = (np.clip(np.minimum(np.arange(n), np.arange(n)[::-1]) / edge, 0, 1) for n in own.shape)
+    box = x0 - beyond[2], y0 - beyond[0], x1 + beyond[3], y1 + beyond[1]
+    return box, np.asarray(own * np.outer(down, across).astype(np.float32), np.float32)
 
 
 def _add(canvas: F32, box: PixelBox, values: F32) -> None:

@@ -70,3 +70,11 @@ def test_marks_at_both_sides_of_a_hole_are_no_line() -> None:
     photo[hole] = [30, 60, 120]
     filled = registry.make("inpaint")(photo, hole).astype(float)
     assert filled[78:82, 60:100].mean() > 150
+
+
+def test_the_edge_of_a_shadow_that_fades_does_not_go_on_through_the_hole() -> None:
+    """It is seen above the ball alone, with a third of the contrast of a shelf's end."""
+    y, x = np.mgrid[:SIZE, :SIZE]
+    truth = np.full((SIZE, SIZE, 3), 230.0) - (60 * np.clip((125 - y) / 40, 0, 1) * (x >= 70))[..., None]
+    filled = registry.make("inpaint")(truth.astype(np.uint8), np.hypot(x - 72, y - 107) < 24).astype(float)
+    assert abs(filled[114:128, 60:66].mean() - filled[114:128, 78:84].mean()) < 15

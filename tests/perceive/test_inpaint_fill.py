@@ -213,3 +213,15 @@ def test_the_thin_edge_of_a_shelf_goes_on_below_what_stood_on_it() -> None:
     assert np.abs(found[71, 20:180].astype(int) - 25).max() < 40
     assert np.abs(found[:66].astype(int) - picture[:66]).mean() < 3
     assert np.array_equal(found[80:], picture[80:])
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_leaves_are_not_filled_from_a_smooth_wall_of_their_mean_colour(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    y, x = np.mgrid[:200, :320]
+    leaves = cv2.GaussianBlur(random.normal(0, 1, (200, 320)), (0, 0), 1.2)
+    light = 128 + np.where(x < 150, 0, 40 * leaves / leaves.std())[..., None]
+    picture = np.clip(light + random.normal(0, 1.5, (200, 320, 3)), 0, 255).astype(np.uint8)
+    away = np.hypot(x - 230, y - 100)
+    found = fill()(picture, away < 45)
+    assert found[away < 37].std() > 0.5 * picture[away < 37].std()

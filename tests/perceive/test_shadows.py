@@ -414,3 +414,29 @@ def test_a_balls_shadow_on_a_table_is_as_soft_as_a_round_lamp_makes_it() -> None
     there = np.rint(80 + along[:, None] * way).astype(int) - (x0, y0)
     seen = 1 - np.exp(-dark[there[:, 1], there[:, 0]])
     assert np.abs(seen - off.mean(axis=1)).mean() < 0.03
+
+
+def test_the_shade_of_a_shelf_stays_when_its_balls_leave() -> None:
+    """It lies below a row of balls, along all of the shelf, and is deeper than soft light can make theirs."""
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    along = np.clip(np.minimum(x - 60, 420 - x) / 12.0, 0, 1)
+    shade = 0.5 * along * np.clip(1 - (y - 246) / 14.0, 0, 1) * (y > 246)
+    board = np.where((y > 240) & (y <= 246) & (x > 55) & (x < 425), 0.03, 1.0)
+    labels, things = np.zeros((HEIGHT, WIDTH), np.uint16), []
+    for k, cx in enumerate(range(84, 400, 52), 1):
+        labels[np.hypot(x - cx, y - 217) <= 23.5] = k
+        things.append(PhotoObject(k, Disc(np.array([cx, 217.0]), 23.5), "ball"))
+    background = srgb(np.repeat((0.9 * board * (1 - shade))[..., None], 3, axis=2))
+    assert lift(background, labels, things).clean is None
+
+
+def test_in_a_balls_shadow_less_of_the_sky_is_missed() -> None:
+    """There table and ball light each other: the share of the direct light that is blocked is not hidden once more."""
+    r, light = 30.0, DistantLight((0.0, 0.0, 1.0), 0.6, 0.4)
+    setting = ShadowSetting(light, 1.0, True, 0.1, np.inf, (200, 200))
+    ball = Silhouette(np.ones((60, 60), np.float32), (70, 70), (100.0, 100.0), r, 2 * r, None)
+    (x0, y0, _, _), dark = shadow_on_table(ball, setting)
+    for away in (6, 12, 18):
+        hidden = (1 + (away / r) ** 2) ** -1.5
+        left = np.exp(-dark[100 - y0, 100 + away - x0])
+        assert left == pytest.approx(0.4 * (1 - 0.4 * hidden), abs=0.03)

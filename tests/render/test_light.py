@@ -13,14 +13,14 @@ import pytest
 
 from physgen import pipeline
 from physgen.compile.world import Body
-from physgen.geometry.polygon import Pose
+from physgen.geometry.polygon import Disc, Pose
 from physgen.geometry.shadows import ShadowSetting, Silhouette, shadow_darkness, shadows_on_sides
 from physgen.photometry import DistantLight, decode, encode_u8
 from physgen.render import staging
 from physgen.render.atlas import BallSprites
 from physgen.render.ball import ball_from_photo, in_one_light
 from physgen.render.shadow_decomposition import decompose_shadows, predicted_shadow
-from physgen.render.sprites import Sides, Sprite, lambert, relief_of
+from physgen.render.sprites import Sides, Sprite, cut_sprites, lambert, relief_of
 from physgen.render.stage import Placement, draw_border, draw_sprite, place_sprite
 from physgen.scene.scene import Solid, View
 from physgen.simulate.engine import simulate
@@ -475,7 +475,7 @@ def test_the_far_side_of_a_ball_goes_on_with_its_stripe() -> None:
         assert (off > 30).mean() < 0.035
 
 
-def pool_ball(turn, number: float = 0.0, r: float = 20.0):
+def pool_ball(turn, number: float = 0.0, r: float = 20.0, band=(0.35, 0.02, 0.03)):
     """(51, 51, 3) light of a ball, (51, 51) how far it faces the viewer, and the normals: a band or none, and two discs
     with an L on each; `number` turns where they are."""
     y, x = np.mgrid[-1 / 3 : 50.5 : 1 / 3, -1 / 3 : 50.5 : 1 / 3]
@@ -490,7 +490,7 @@ def pool_ball(turn, number: float = 0.0, r: float = 20.0):
         (np.abs(up - 0.18) < 0.06) & (np.abs(side) < 0.16)
     )
     coloured = (np.abs(up) < 0.56) & ~disc
-    paint = np.where(coloured[..., None], [0.35, 0.02, 0.03], [0.62, 0.55, 0.4])
+    paint = np.where(coloured[..., None], band, [0.62, 0.55, 0.4])
     paint = np.where((ink & disc)[..., None], 0.015, paint)
     shade = SUN.ambient + SUN.intensity * np.maximum(normals @ np.array(SUN.direction), 0)
     light = np.where((u * u + v * v < 1.1)[..., None], paint * shade[..., None], 0).astype(np.float32)
@@ -536,6 +536,27 @@ def test_lamps_stay_on_balls_and_neighbours_do_not() -> None:
         assert ball.gloss[lamp.max(-1) > 0].mean() > 0.45
         assert ball.gloss[cv2.dilate(lamp.max(-1), np.ones((9, 9))) == 0].max() < 0.04, "a third of the neighbours'"
     assert sum(ball.pattern is not None for ball in balls) >= 5
+
+
+def test_black_balls_stay_black_and_rims_alike_in_the_light_of_a_rack() -> None:
+    """Black is no shade of the white that all wear; most of it mirrors the table, which is no paint, and one ball's rim
+    mirrors a neighbour."""
+    balls = []
+    bands = 3 * [(0.015, 0.013, 0.01)] + 4 * [(0.35, 0.02, 0.03)]
+    for k, band in enumerate(bands):
+        photo, _, normals = pool_ball(np.eye(3), float(k), band=band)
+        seen = photo + reflected(normals, (0, -1, 0.3), 1.5, [0.03, 0.027, 0.02])
+        if k == 0:
+            seen += reflected(normals, (1, 0, 0.15), 0.4, [0.3, 0.3, 0.3])
+        ball = ball_from_photo(seen, (0, 0), (25.0, 25.0), 20.0, SUN, View.TOP)
+        balls.append(replace(ball, center=(500.0 * k + 25, 25.0), corner=(500 * k, 0)))
+    shared = in_one_light(balls)
+    painted = [ball for ball in shared if ball.pattern is not None]
+    assert len(painted) >= 5
+    black = [ball.pattern.colours.max(axis=1).min() for ball in shared[:3] if ball.pattern is not None]
+    assert len(black) == 2
+    assert max(black) < 0.02
+    assert np.ptp([ball.fade for ball in painted], axis=0).max() < 0.02
 
 
 def test_a_rack_breaks_up_into_balls_that_mirror_the_table_and_wear_one_white() -> None:
@@ -708,3 +729,34 @@ def test_an_outline_that_cuts_an_edge_off_lights_no_line_on_the_face(cut: int) -
     face, edge = lit[:, 12:36], lit[:, 37:40][cover[12:148, 37:40] > 0]
     assert np.abs(face[54:72] - 0.5).max() < 0.06, "beside the outline's gap"
     assert edge.mean() > 0.2, "what faces down is lit from below a little more than what faced away"
+
+
+def test_the_dark_rim_of_a_disc_is_its_own() -> None:
+    """Pixels along its border show it and the table: of a disc, what is its own there is told apart."""
+    yy, xx = np.mgrid[:80, :80] - 39.5
+    away = np.hypot(xx, yy)
+    cover = np.clip(24.5 - away, 0, 1).astype(np.float32)
+    own, table = np.where(away > 22, 0.05, 0.5), 0.25
+    rgb = encode_u8((cover * own + (1 - cover) * table)[..., None].repeat(3, 2).astype(np.float32))
+    behind = encode_u8(np.full((80, 80, 3), table, np.float32))
+    shape = Disc(np.array([39.5, 39.5]), 24.0)
+    labels, none = (cover >= 0.5).astype(np.uint16), np.zeros((80, 80), bool)
+    [sprite] = cut_sprites(rgb, labels, none, cover, behind, {0: 0}, [shape])
+    half = (sprite.coverage > 0.45) & (sprite.coverage < 0.7)
+    assert half.sum() > 20
+    assert (sprite.light[half].mean(axis=1) / sprite.coverage[half]).max() < 0.07
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_an_edge_that_turns_up_is_lit_from_above(side: int) -> None:
+    """The photo shows a block's left and right edges alone; the scene's light says how high it comes from."""
+    light = np.full((160, 48), 0.5, np.float32)
+    light[:, 8:11], light[:, 37:40] = 0.7, 0.2
+    cover = np.zeros_like(light)
+    cover[8:152, 8:40] = 1
+    sprite = Sprite(0, (0, 0), (light * cover)[..., None].repeat(3, 2), cover)
+    relief = staging._edged(sprite, DistantLight((-0.5, -0.75, 0.45), 0.8, 0.3)).relief
+    assert relief is not None
+    lit = (light * relief.ratio(side * np.pi / 2))[40:120]
+    up, down = (lit[:, 8:11], lit[:, 37:40]) if side > 0 else (lit[:, 37:40], lit[:, 8:11])
+    assert up.mean() > down.mean() + 0.02

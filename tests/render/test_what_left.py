@@ -248,3 +248,14 @@ def test_a_ball_takes_its_shadow_off_the_top_of_the_book_on_which_it_lay(bundled
     first, empty = (rgb[401:407].mean(axis=(0, 2)) for rgb in emptied(compiled, stage, "book-2"))
     assert first[78:135].min() < 0.6 * first[150:170].mean()
     assert np.abs(empty[50:170] - empty[150:170].mean()).max() < 0.15 * empty[150:170].mean()
+
+
+def test_a_shadow_cut_by_the_photos_border_stays_whole_as_its_ball_moves(bundled: Path) -> None:
+    maps, compiled, stage = opened(bundled, "rubber-balls")
+    start = simulate(compiled.world, np.zeros(1))
+    x, y, _ = start.poses[0, start.names.index("foam-ball")]
+    [lower] = posed(compiled, stage, foam_ball=[(x, y + 30, 0.0)])
+    bare = cv2.blur(maps.clean.astype(float).mean(axis=2), (3, 3))
+    before, after = (cv2.blur(rgb.mean(axis=2), (3, 3)) / bare for rgb in (maps.rgb.astype(float), lower))
+    assert before[230:300, 500:].min() < 0.6
+    assert np.abs(after[260:330, 500:] - before[230:300, 500:]).mean(axis=0).max() < 0.05

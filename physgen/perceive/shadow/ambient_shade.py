@@ -46,7 +46,9 @@ class _Tuning:
     nearby: tuple[float, ...] = (0.5, 1.0, 1.5, 2.0)  # shifts at which shade might lie as well, by chance
     sure: float = 6.0  # times chance from which shade is believed (studio photos of the split `tune`)
     seen: float = 0.025  # contrast from which it is believed
-    strengths: tuple[float, float] = (0.3, 3.0)  # of seen over predicted depth, at least and at most
+    # of seen over predicted depth: what is darker is another surface, or the shade of what carries the objects
+    least_factor: float = 0.3
+    most_factor: float = 1.5
     along: tuple[tuple[float, float, float], ...] = (
         (0.7, 0.08, 1.0), (2.0, 0.16, 0.05), (4.0, 0.6, 2e-3), (8.0, 2.0, 1e-5),
     )  # fmt: skip
@@ -111,7 +113,9 @@ def find_ambient_shade(
         if contrast < TUNING.seen or sure < TUNING.sure or (best is not None and best.sure >= sure):
             continue
         predicted = float(np.median(model[deep]) - np.median(model[beside & free]))
-        factor = min(max(contrast / max(predicted, 1e-3), TUNING.strengths[0]), TUNING.strengths[1])
+        factor = max(contrast / max(predicted, 1e-3), TUNING.least_factor)
+        if factor > TUNING.most_factor:
+            continue
         full = np.asarray(cv2.resize(dark, (W, H), interpolation=cv2.INTER_LINEAR), np.float32)
         best = AmbientShade(_sky(direct, down, (W, H), from_above), factor, sure, full)
     return best
