@@ -237,3 +237,32 @@ def test_a_row_on_a_floor_seen_askew_stands_on_one_straight_line():
     assert (y1 - y0) / (x1 - x0) == pytest.approx(1.0 / 62, abs=0.003)
     for thing in desk.things:
         assert -GAP < -penetration(walls["floor"], thing) < GAP
+
+
+@pytest.mark.parametrize(("gap", "stands"), [(4, True), (14, False)])
+def test_what_ends_just_above_a_book_stands_on_it(gap: int, stands: bool):
+    """The mask of a candlestick without its foot: pointed, and a few px above the book below it."""
+    desk = Desk()
+    desk.block(100, 220, 120, 40)
+    rows, columns = np.mgrid[:H, :W]
+    stick = (
+        (rows <= 180 - gap) & (rows > 90) & (np.abs(columns - 160) <= np.minimum(8, 0.5 * (181 - gap - rows)))
+    )
+    desk.labels[stick] = 2
+    desk.things = fit_objects(desk.rgb, from_masks(desk.labels))[0]
+    walls = desk.walls()
+    assert any(name.startswith(("nest", "ledge")) for name in walls) != stands
+    low = max(y for ring in desk.things[1].outline.rings for _, y in ring.outer)
+    assert low == pytest.approx(179.5 if stands else 180.5 - gap, abs=0.7)
+
+
+def test_bars_behind_objects_are_no_shelf():
+    """Of two balls in the air, poles behind them show dark below their line and light above it, in no column both."""
+    desk = Desk(horizon=260)
+    for x in range(20, W, 40):
+        desk.rgb[:260, x : x + 20] = (200, 190, 170)
+    desk.block(180, 270, 60, 40)
+    for x in (120, 300):
+        desk.ball(x, 130, 20)
+    ledges = [ends for name, ends in desk.walls().items() if name.startswith("ledge")]
+    assert all(np.ptp(ends[:, 0]) < 260 for ends in ledges)

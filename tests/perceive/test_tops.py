@@ -75,6 +75,19 @@ def rows(camera: Camera, box) -> tuple[float, float, float]:
     return tuple(float(camera.pixel(x, *at)[1]) for at in ((h, deep), (h, 0), (0, 0)))
 
 
+@pytest.mark.parametrize("scale", [0.5, 0.7, 2.0])
+def test_tops_are_found_in_photos_of_any_size(scale):
+    camera = Camera(*NEAR)
+    rgb, labels = camera.photo([(0.0, 0.12, 0.1, 0.08)])
+    size = (round(W * scale), round(H * scale))
+    small = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC)
+    mask = cv2.resize((labels > 0).astype(np.float32), size, interpolation=cv2.INTER_LINEAR) >= 0.5
+    found, _ = sections(small, mask.astype(np.uint16))
+    rear, front, foot = ((row + 0.5) * scale - 0.5 for row in rows(camera, (0.0, 0.12, 0.1, 0.08)))
+    half = (front - rear) / 2
+    assert found[0] == pytest.approx((front - half, foot - half), abs=0.6 * max(scale, 1))
+
+
 @pytest.mark.parametrize("top", [(0.3, 0.3, 0.3), (0.75, 0.75, 0.75)])
 @pytest.mark.parametrize(
     ("lens", "boxes"), [(FAR, ROW), (NEAR, [(0.0, 0.12, 0.1, 0.08)])], ids=["row", "one"]
@@ -104,6 +117,22 @@ def test_tops_of_another_hue_stay_part_of_what_they_are_printed_on():
     camera = Camera(*FAR)
     found, _ = sections(*camera.photo(ROW, (0.4, 0.2, 0.15)))
     assert found[:, 0] == pytest.approx(rows(camera, ROW[0])[0], abs=0.6)
+
+
+@pytest.mark.parametrize("what", ["print", "arch"])
+def test_no_top_is_where_the_strip_is_uneven_or_the_rim_is_round(what):
+    """Each has a top, but for that."""
+    camera = Camera(*NEAR)
+    rgb, labels = camera.photo([(0.0, 0.12, 0.1, 0.08)])
+    x, y, width, _ = cv2.boundingRect((labels > 0).astype(np.uint8))
+    if what == "print":
+        rgb[y + 1 : y + 9, x + width // 2 :] = rgb[y + 40, x + width // 2]
+    else:
+        for column in range(x, x + width):
+            up = round(12 * (2 * (column - x) / width - 1) ** 2)
+            rgb[y : y + up, column], labels[y : y + up, column] = rgb[0, 0], 0
+    found, _ = sections(rgb, labels)
+    assert found[0, 0] == pytest.approx(y - 0.5, abs=0.6)
 
 
 def test_a_lid_is_no_top():
