@@ -100,7 +100,7 @@ def test_ledges_that_nobody_sees_are_no_support(name: str, source: str, held: bo
     one = Found()
     wall = replace(GOOD.walls[0], name=name, source=source)
     assert one.doubts(replace(GOOD, walls=(wall, wall))) == (
-        "good" if held else "doubtful: no support is seen beneath the objects"
+        "good" if held else "doubtful: no support is seen beneath 2 of 3 objects"
     )
 
 

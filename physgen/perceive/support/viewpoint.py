@@ -20,6 +20,7 @@ from physgen.perceive.segment.network import run_network
 from physgen.perceive.segment.prompts import RULE
 from physgen.perceive.support.supports import SOURCE
 from physgen.scene.scene import View
+from physgen.text import counted
 
 LEAST = 30  # px of background from which a part of the photo counts
 SPREAD = 12.0  # CIE 1976 Lab: standard deviation of a background from which its layers count in full
@@ -162,7 +163,7 @@ def judge_suitability(
     guessed = (w.source == SOURCE and w.name.startswith(("nest", "ledge")) for w in boundaries.walls)
     unheld = len(boundaries.held) + sum(guessed)
     if unheld > DOUBTS.unheld * max(len(loose), 1):
-        reasons.append("no support is seen beneath the objects")
+        reasons.append(f"no support is seen beneath {unheld} of {counted(len(objects), 'object')}")
     if view < DOUBTS.view:
         reasons.append("it is hard to tell whether it is seen from the side or from above")
     return Suitability(tuple(reasons))
