@@ -76,7 +76,7 @@ def add_supports(
         return Wall(name, tuple(chain), friction, elasticity, confidence, SOURCE, reason)
 
     def falls(on: Sequence[Sequence[Contact]]) -> tuple[list[Contact], list[int]]:
-        found = between + sorted((one for wall in on for one in wall), key=lambda contact: contact.body)
+        found = between + [one for wall in on for one in wall]
         return found, unstable_objects(outlines, found, _friction(objects, found, grip), fixed, known=known)
 
     for times in range(LIMITS.rounds if many else 4 * len(objects) + 1):
