@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
 from physgen.progress import Progress, silent
+from physgen.text import listed
 
 if TYPE_CHECKING:
     from physgen.perceive.roles import PerceivedScene
@@ -115,14 +116,14 @@ def perceive(
     return text
 
 
-def _tried(perceived: PerceivedScene) -> Opened:
-    """A scene for trials, without maps. Raises InputError."""
+def _tried(perceived: PerceivedScene, *more: str) -> Opened:
+    """A scene for trials, without maps, with `more` keys of objects. Raises InputError."""
     from physgen.scene.load import Opened
     from physgen.scene.write import scene_text
 
     document = perceived.document
     height, width = perceived.percepts.labels.shape
-    kept = ("shape", "solid", "mass", "friction", "elasticity", "rolling", "motion")
+    kept = ("shape", "solid", "mass", "friction", "elasticity", "rolling", "motion", *more)
     heads = ("physgen", "world", "boundaries", "render")
     bare = {key: document[key] for key in heads if key in document} | {
         "size": [width, height],
@@ -207,30 +208,39 @@ def _pushed(perceived: PerceivedScene, only: Collection[str] = ()) -> PerceivedS
 
 
 def _set_in_motion(
-    perceived: PerceivedScene, scene: Scene, was: Mapping[str, Mapping[str, Any]], still: bool
+    perceived: PerceivedScene, scene: Scene, was: Mapping[str, Mapping[str, Any]], still: bool, warn: Warn
 ) -> tuple[PerceivedScene, dict[str, Any]]:
     """The `scene` that is refreshed, whose objects `was` held, with what has a new prompt at rest, and a push where
-    nothing moves and an object is let go or the view is another; and what moves as before, by name."""
-    from physgen.pipeline.pushes import perceived_pushes
+    nothing moves and an object is let go, the view is another, or the push that perception wrote moves nothing now,
+    which is a warning; and what moves as before, by name."""
+    from physgen.compile.shapes import shapes_of
+    from physgen.pipeline.pushes import perceived_pushes, shown_by
 
-    objects = dict(perceived.document["objects"])
     moving = {item.name: {"velocity": list(item.velocity)} for item in scene.objects if any(item.velocity)}
-    turned = scene.record.world.get("view") not in (None, scene.world.view.value)
-    turned = turned and not (still or scene.forces)
-    for name in perceived_pushes(scene) if turned else ():
-        del moving[name]
-        if name in objects:
-            objects[name] = objects[name] | {"velocity": [0, 0]}
-    perceived = replace(perceived, document=perceived.document | {"objects": objects})
+    pushes = [] if still or scene.forces else list(perceived_pushes(scene))
     with suppress(InputError):
+        objects = perceived.document["objects"]
         same = [k for k, item in was.items() if item.get("prompt") == objects.get(k, item).get("prompt")]
         perceived = _at_rest(perceived, same)
         now = perceived.document["objects"]
         free = {k for k, item in was.items() if "motion" in item and "motion" not in now.get(k, item)}
-        if (free or turned) and not (still or moving or scene.forces):
-            pushed = _pushed(perceived, () if turned else free)
+        turned = scene.record.world.get("view") not in (None, scene.world.view.value)
+        tried = _tried(perceived, "velocity").scene()
+        able = [item for item in tried.objects if item.name in pushes and any(item.velocity)]
+        moves = any(shown_by(tried, shapes_of(tried, None), item, item.velocity)[0] for item in able)
+        stopped = pushes if turned or not moves else []
+        for name in stopped:
+            del moving[name]
+        rest = {name: now[name] | {"velocity": [0, 0]} for name in stopped if name in now}
+        perceived = replace(perceived, document=perceived.document | {"objects": now | rest})
+        if (free or turned or stopped) and not (still or moving or scene.forces):
+            pushed = _pushed(perceived, () if turned or stopped else free)
             document = perceived.document | {"objects": pushed.document["objects"]}
             perceived = replace(perceived, document=document, comments=pushed.comments)
+        new = [k for k, item in perceived.document["objects"].items() if any(item.get("velocity", ()))]
+        fix = f"{listed(new, 'and')} is pushed instead" if new else "and no other push does"
+        for name in [] if turned else stopped:
+            warn(Problem(Place("--refresh"), name, "its push", "moves nothing now", fix, Severity.WARNING))
     return perceived, moving
 
 
@@ -347,7 +357,7 @@ def refresh(
         kept_maps = replace(perceived.percepts, labels=marked, clean=clean, depth=depth)
         perceived = replace(perceived, percepts=kept_maps)
     perceived = replace(perceived, document=document, comments=reasons)
-    perceived, moving = _set_in_motion(perceived, scene, old["objects"], options.still)
+    perceived, moving = _set_in_motion(perceived, scene, old["objects"], options.still, warn)
     document, told = perceived.document, dict(seen["objects"])
     for name in told.keys() & document["objects"].keys():
         own = document["objects"][name] | moving.get(name, {})

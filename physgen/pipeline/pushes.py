@@ -99,9 +99,9 @@ def default_push(
         speed = float(f"{ordinary * factor:.2g}")
         tried: list[tuple[float, float, Push]] = []
         for item, way in ranked[: TRIAL.most]:
-            part = _gentle(named[item.name], gravity, speed, 1.0 if best else factor)
+            part = _gentle(named[item.name], gravity, speed)
             velocity = (round(part * way[0]), round(part * way[1]))
-            shown, far = _shown(scene, shapes, item, velocity, unseen)
+            shown, far = shown_by(scene, shapes, item, velocity, unseen)
             tried += [(shown, far, Push(item.name, velocity, _words(way)))] if shown else []
             if len(tried) == TRIAL.tried:
                 break
@@ -115,7 +115,7 @@ def default_push(
     return best
 
 
-def _gentle(body: Body, gravity: float, speed: float, harder: float) -> float:
+def _gentle(body: Body, gravity: float, speed: float) -> float:
     """px/s, at most `speed`: what tips its centre of mass over its lower corner once its foot has stopped it."""
     if body.radius is not None or not gravity:
         return speed
@@ -123,7 +123,7 @@ def _gentle(body: Body, gravity: float, speed: float, harder: float) -> float:
     rise, topples = hypot((x1 - x0) / 2, y) - y, TRIAL.slender * (x1 - x0) / (y - y0)
     tips = sqrt(2 * gravity * rise * (body.moment / body.mass + (rise + y) ** 2)) / y
     eased: float = speed * min(max(topples, TRIAL.gentlest), 1.0)
-    return min(eased, harder * TRIAL.tips * tips) if topples < TRIAL.thin else eased
+    return min(eased, TRIAL.tips * tips) if topples < TRIAL.thin else eased
 
 
 def _ranked(
@@ -170,8 +170,8 @@ def _ways(scene: Scene, centers: Sequence[Array], k: int) -> list[tuple[float, f
     return ways
 
 
-def _shown(
-    scene: Scene, shapes: Shapes, item: Object, velocity: tuple[float, float], unseen: Collection[str]
+def shown_by(
+    scene: Scene, shapes: Shapes, item: Object, velocity: tuple[float, float], unseen: Collection[str] = ()
 ) -> tuple[float, float]:
     """How much a push shows, counted in objects that move far, and the longest displacement, as a part of the photo's
     longer side; zeros where it moves nothing enough, or all explodes."""

@@ -13,6 +13,7 @@ from physgen.perceive.perceive import fit_objects
 from physgen.perceive.roles import PhotoObject
 from physgen.perceive.segment.prompts import from_masks
 from physgen.perceive.support.ground_contact import find_foot, is_carried, lower_hull
+from physgen.perceive.support.supports import SOURCE
 from physgen.photos import read_image
 from physgen.scene.load import load
 from physgen.scene.scene import View
@@ -237,3 +238,31 @@ def test_a_row_on_a_floor_seen_askew_stands_on_one_straight_line():
     assert (y1 - y0) / (x1 - x0) == pytest.approx(1.0 / 62, abs=0.003)
     for thing in desk.things:
         assert -GAP < -penetration(walls["floor"], thing) < GAP
+
+
+@pytest.mark.parametrize(("gap", "stands"), [(4, True), (14, False)])
+def test_what_ends_just_above_a_book_stands_on_it(gap: int, stands: bool):
+    """The mask of a candlestick without its foot: pointed, and a few px above the book below it."""
+    desk = Desk()
+    desk.block(100, 220, 120, 40)
+    rows, columns = np.mgrid[:H, :W]
+    stick = (
+        (rows <= 180 - gap) & (rows > 90) & (np.abs(columns - 160) <= np.minimum(8, 0.5 * (181 - gap - rows)))
+    )
+    desk.labels[stick] = 2
+    desk.things = fit_objects(desk.rgb, from_masks(desk.labels))[0]
+    walls = desk.walls()
+    assert any(name.startswith(("nest", "ledge")) for name in walls) != stands
+    low = max(y for ring in desk.things[1].outline.rings for _, y in ring.outer)
+    assert low == pytest.approx(179.5 if stands else 180.5 - gap, abs=0.7)
+
+
+def test_bars_behind_objects_are_no_shelf():
+    """Right below two balls in the air it is dark, and beside them light, in no column both."""
+    desk = Desk(horizon=260)
+    for x in (120, 200):
+        desk.rgb[:260, x - 22 : x + 23] = (30, 30, 40)
+        desk.ball(x, 130, 20)
+    desk.block(300, 270, 60, 40)
+    walls = support()(desk.rgb, desk.labels, desk.things, View.SIDE).walls
+    assert [wall.source for wall in walls if wall.name.startswith("ledge")] == [SOURCE]

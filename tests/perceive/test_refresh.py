@@ -492,13 +492,13 @@ def test_a_view_stays_as_sure_as_it_was_and_the_user_s_is_sure(
         capsys.readouterr()
         assert main(["perceive", "--refresh", str(scene), *box]) == 0
         summed = capsys.readouterr().err
-        assert "suitability: doubtful: strong perspective" in summed
+        assert "it is hard to tell whether" in summed
         assert "side: there are few cues (confidence 0.52)" in summed
         box = []
     scene.write_text(scene.read_text().replace("view: side", "view: top"))
     assert main(["perceive", "--refresh", str(scene)]) == 0
     summed = capsys.readouterr().err
-    assert "strong perspective" not in summed
+    assert "hard to tell" not in summed
     assert "top: as given (confidence 1)" in summed
     assert "  view: top  # side or top: as given (confidence 1)\n" in scene.read_text()
 
@@ -611,6 +611,46 @@ def test_a_box_that_replaces_the_pushed_object_in_another_view(mirrored: bool, t
     scene.write_text(re.sub("view: (side|top)", lambda found: f"view: {other[found[1]]}", scene.read_text()))
     (ball,) = refreshed(scene, "--box", "66,41,68,68")[0].objects
     assert any(ball.velocity), "pushed anew"
+
+
+@pytest.mark.parametrize(("blocked", "mine"), [(True, False), (False, False), (True, True)])
+def test_a_push_that_moves_nothing_any_more_is_chosen_anew(
+    blocked: bool, mine: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Two walls that the user drew stand right beside what was pushed. A push that the user wrote stays."""
+    rgb, labels = np.full((140, 300, 3), (190, 186, 176), np.uint8), np.zeros((140, 300), np.uint8)
+    for k, x in enumerate((60, 200), 1):
+        labels[70:110, x : x + 24] = k
+        rgb[labels == k] = (170, 40 * k, 40)
+    rgb[110:] = (90, 60, 40)
+    cv2.imwrite(str(tmp_path / "photo.png"), rgb)
+    cv2.imwrite(str(tmp_path / "marked.png"), labels)
+    path = tmp_path / "scene.yaml"
+    options = ["--masks", str(tmp_path / "marked.png"), "-o", str(path)]
+    assert main(["perceive", str(tmp_path / "photo.png"), *options]) == 0
+    (pushed,) = [item for item in pipeline.load(path).objects if any(item.velocity)]
+    text = path.read_text()
+    if blocked:
+        left = 59 if pushed.name.endswith("1") else 199
+        walls = "".join(
+            f"  mine-{k}: {{segment: [[{left + 25 * k}, 20], [{left + 25 * k}, 109]], elasticity: 0}}\n" for k in (0, 1)
+        )
+        text = text.replace("boundaries:\n", f"boundaries:\n{walls}")
+    if mine:
+        text = re.sub(r"velocity: \[-?[1-9].*", "velocity: [123, 0]", text, count=1)
+    path.write_text(text)
+    capsys.readouterr()
+    now, _ = refreshed(path)
+    told = capsys.readouterr().err
+    (moved,) = [item for item in now.objects if any(item.velocity)]
+    if blocked and not mine:
+        assert moved.name != pushed.name
+        assert told.count("its push moves nothing now") == 1
+        assert f"{moved.name} is pushed to the " in told
+    else:
+        assert moved.name == pushed.name
+        assert moved.velocity == pytest.approx((123, 0) if mine else pushed.velocity)
+        assert "moves nothing" not in told
 
 
 BUNDLED = sorted((Path(__file__).parents[2] / "scenes").glob("*/scene.yaml"))

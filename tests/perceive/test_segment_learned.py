@@ -13,10 +13,10 @@ import pytest
 from physgen import pipeline
 from physgen.geometry.fitting import fit_outlines
 from physgen.geometry.polygon import Disc
-from physgen.perceive.backends.segment_learned import continued, joined, segment
+from physgen.perceive.backends.segment_learned import continued, joined, segment, with_handles
 from physgen.perceive.document import write_scene
 from physgen.perceive.perceive import perceive
-from physgen.perceive.roles import Detections, Doubt
+from physgen.perceive.roles import Detections, Doubt, Segments
 from physgen.perceive.segment.candidates import Candidates
 from physgen.perceive.segment.proposals import Proposal, cut_out
 
@@ -151,3 +151,20 @@ def test_a_gap_between_objects_shows_the_colours_around_them() -> None:
     assert shares[1] > 0.9
     assert max(shares[0], shares[2]) < 0.1
     assert continued(rgb, found, np.zeros(0, np.intp)).shape == (0,)
+
+
+@pytest.mark.parametrize(("wide", "long", "whole"), [(8, 100, True), (30, 100, False), (8, 12, False)])
+def test_the_head_of_a_spoon_is_no_ball(wide: int, long: int, whole: bool) -> None:
+    """Something narrow and long goes on below it; a jar's body and a nub below it are neither."""
+    y, x = np.mgrid[:240, :200]
+    head = (x - 100) ** 2 + (y - 60) ** 2 <= 24**2
+    spoon = head | ((y > 60) & (y < 84 + long) & (abs(x - 100 - (y - 60) / 20) <= wide / 2))
+    rgb = np.full((240, 200, 3), (205, 205, 200), np.uint8)
+    rgb[200:] = (150, 140, 130)
+    rgb[spoon] = (150, 95, 55)
+    rgb = cv2.GaussianBlur(rgb, (0, 0), 0.8)
+    found = with_handles(rgb, Segments(head.astype(np.uint16), np.array([0.9]))).labels > 0
+    if whole:
+        assert (found & spoon).sum() > 0.9 * (found | spoon).sum()
+    else:
+        assert np.array_equal(found, head)

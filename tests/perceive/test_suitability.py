@@ -16,6 +16,7 @@ from physgen.perceive.roles import BoundaryGuess, Detections, Doubt, PhotoObject
 from physgen.perceive.segment.network import run_network
 from physgen.perceive.segment.prompts import from_masks
 from physgen.perceive.support import viewpoint
+from physgen.perceive.support.supports import SOURCE
 from physgen.perceive.support.viewpoint import judge_suitability
 from physgen.pipeline import perceive as perceive_file
 from physgen.report.perception import written_suitability
@@ -89,18 +90,33 @@ def test_people_animals_and_furniture(monkeypatch, movable: float, height: int, 
 def test_nothing_beneath_and_an_unclear_view():
     one = Found()
     assert "no support" in one.doubts(replace(GOOD, held=frozenset((1, 2, 3))))
-    assert "perspective" in one.doubts(replace(GOOD, confidence=0.52))
+    assert "hard to tell whether" in one.doubts(replace(GOOD, confidence=0.52))
 
 
-def test_what_is_in_the_sky_has_no_support():
-    """Ledges under one object each are seen on a shelf, and guessed in the sky."""
+@pytest.mark.parametrize(("name", "source", "held"), [
+    ("nest-1", SOURCE, False), ("ledge-1", SOURCE, False), ("ledge-1", "lowest points", True), ("wall-1", SOURCE, True),
+])  # fmt: skip
+def test_ledges_that_nobody_sees_are_no_support(name: str, source: str, held: bool):
     one = Found()
-    ledge = replace(GOOD.walls[0], reason="under one object")
-    shelves = replace(GOOD, walls=(ledge, ledge, ledge))
-    assert one.doubts(shelves) == "good"
-    one.rgb[:90] = (110, 160, 230)
-    assert one.doubts(shelves) == "doubtful: blue as of the sky; no support is seen beneath the objects"
-    assert one.doubts() == "doubtful: blue as of the sky"
+    wall = replace(GOOD.walls[0], name=name, source=source)
+    assert one.doubts(replace(GOOD, walls=(wall, wall))) == (
+        "good" if held else "doubtful: no support is seen beneath 2 of 3 objects"
+    )
+
+
+def test_colours_and_detail_count_where_no_object_is():
+    """A blue umbrella is no sky, and green speckled apples are no leaves."""
+    one = Found()
+    one.found.labels[:150, :200] = 1
+    one.rgb[one.found.labels == 1] = (110, 160, 230)
+    assert "blue" not in one.doubts()
+    speckles = np.random.default_rng(3).integers(30, 160, (H, W, 1)) * (0.5, 1.0, 0.3)
+    one.rgb = np.where(one.found.labels[..., None] > 0, speckles, one.rgb).astype(np.uint8)
+    assert "green" not in one.doubts()
+    one.found.labels[:] = 0
+    one.found.labels[120:] = 1
+    one.found.labels[-1, :2] = 2, 3
+    assert "green and fine as of leaves or grass on 79 %" in one.doubts()
 
 
 def test_an_object_that_fills_the_photo():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -67,6 +69,29 @@ def test_an_unseen_ledge_that_nothing_needs_goes():
     walls, held = add_supports(things, [FLOOR, *ledges], {}, 0.6, 0.4)
     assert walls == [FLOOR, *ledges[1:]]
     assert not held
+
+
+def test_each_wall_has_a_name_of_its_own_and_the_floor_stays():
+    """Two nests; the floor is unseen, and nothing needs it."""
+    things = [PhotoObject(k, Disc(np.array([200.0 * k, -90.0]), 15.0)) for k in (1, 2)]
+    floor = replace(FLOOR, source=SOURCE)
+    walls, held = add_supports(things, [floor], {}, 0.6, 0.4)
+    assert [wall.name for wall in walls] == ["floor", "nest-1", "nest-2"]
+    assert not held
+
+
+def test_a_ledge_stays_where_only_friction_would_hold_what_lies_on_it():
+    """A block that is wedged between two others stands without it, on nothing."""
+    things = [
+        PhotoObject(k + 1, block(x, y, 40, 40)) for k, (x, y) in enumerate([(0, 0), (40, -20), (80, 0)])
+    ]
+    ledge = Wall("ledge-1", ((41.0, -20.0), (79.0, -20.0)), 0.6, 0.4, 0.4, SOURCE, "")
+    sides = [
+        Wall(f"wall-{k}", ((x, -60.0), (x, 0.0)), 0.6, 0.4, 0.4, "edges", "")
+        for k, x in enumerate((0.0, 120.0))
+    ]
+    walls, _ = add_supports(things, [FLOOR, *sides, ledge], dict.fromkeys((1, 2, 3), 0.9), 0.6, 0.4)
+    assert ledge in walls
 
 
 def test_a_pile_of_a_hundred_blocks_ends():

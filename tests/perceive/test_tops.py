@@ -75,6 +75,30 @@ def rows(camera: Camera, box) -> tuple[float, float, float]:
     return tuple(float(camera.pixel(x, *at)[1]) for at in ((h, deep), (h, 0), (0, 0)))
 
 
+def test_of_many_boxes_edges_that_hardly_run_together_are_enough():
+    """Far away: two of the nine would not tell."""
+    camera = Camera(2600.0, (0.0, 0.55, -2.8))
+    boxes = [(x, 0.016, 0.1, 0.05) for x in np.linspace(-0.1, 0.1, 9)]
+    found, _ = sections(*camera.photo(boxes))
+    rear, front, _ = rows(camera, boxes[0])
+    assert found[:, 0] == pytest.approx((rear + front) / 2, abs=0.6)
+    found, _ = sections(*camera.photo([boxes[3], boxes[5]]))
+    assert found[:, 0] == pytest.approx(rear, abs=0.6)
+
+
+@pytest.mark.parametrize("scale", [0.5, 0.7, 2.0])
+def test_tops_are_found_in_photos_of_any_size(scale):
+    camera = Camera(*NEAR)
+    rgb, labels = camera.photo([(0.0, 0.12, 0.1, 0.08)])
+    size = (round(W * scale), round(H * scale))
+    small = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC)
+    mask = cv2.resize((labels > 0).astype(np.float32), size, interpolation=cv2.INTER_LINEAR) >= 0.5
+    found, _ = sections(small, mask.astype(np.uint16))
+    rear, front, foot = ((row + 0.5) * scale - 0.5 for row in rows(camera, (0.0, 0.12, 0.1, 0.08)))
+    half = (front - rear) / 2
+    assert found[0] == pytest.approx((front - half, foot - half), abs=0.6 * max(scale, 1))
+
+
 @pytest.mark.parametrize("top", [(0.3, 0.3, 0.3), (0.75, 0.75, 0.75)])
 @pytest.mark.parametrize(
     ("lens", "boxes"), [(FAR, ROW), (NEAR, [(0.0, 0.12, 0.1, 0.08)])], ids=["row", "one"]
@@ -104,6 +128,25 @@ def test_tops_of_another_hue_stay_part_of_what_they_are_printed_on():
     camera = Camera(*FAR)
     found, _ = sections(*camera.photo(ROW, (0.4, 0.2, 0.15)))
     assert found[:, 0] == pytest.approx(rows(camera, ROW[0])[0], abs=0.6)
+
+
+@pytest.mark.parametrize("what", ["print", "arch", "lean"])
+def test_no_top_is_where_the_strip_is_uneven_the_rim_round_or_a_side_askew(what):
+    """Each has a top, but for that."""
+    camera = Camera(*NEAR)
+    rgb, labels = camera.photo([(0.0, 0.12, 0.1, 0.08)])
+    x, y, width, _ = cv2.boundingRect((labels > 0).astype(np.uint8))
+    if what == "print":
+        rgb[y + 1 : y + 9, x + width // 2 :] = rgb[y + 40, x + width // 2]
+    elif what == "lean":
+        for row in range(y, H):
+            rgb[row], labels[row] = (np.roll(part[row], (row - y) // 20, axis=0) for part in (rgb, labels))
+    else:
+        for column in range(x, x + width):
+            up = round(12 * (2 * (column - x) / width - 1) ** 2)
+            rgb[y : y + up, column], labels[y : y + up, column] = rgb[0, 0], 0
+    found, _ = sections(rgb, labels)
+    assert found[0, 0] == pytest.approx(y - 0.5, abs=0.6)
 
 
 def test_a_lid_is_no_top():

@@ -22,6 +22,7 @@ from physgen.perceive.support.ground_contact import (
     STEEP,
     Foot,
     Line,
+    close_gaps_below,
     find_foot,
     fit_rectangles,
     floor_points,
@@ -37,6 +38,7 @@ from physgen.perceive.support.supports import SOURCE, add_supports, free_parts
 from physgen.perceive.support.viewpoint import guess_view
 from physgen.photometry import decode
 from physgen.scene.scene import View
+from physgen.text import counted
 
 Groups = Sequence[tuple[Line, list[Foot]]]
 Span = tuple[float, float]
@@ -69,28 +71,24 @@ class _RailLimits:
 
 @dataclass(frozen=True)
 class _TopLimits:
-    """Which boxes show their tops: strips of another shade along upper rims, whose sides run together; px.
-
-    Light is its logarithm. Prints are as wide above as below, lids above as far as down to their edge.
+    """Which boxes show their tops: strips of another shade along upper rims, whose sides run together; as parts of the
+    height of the box. Light is its logarithm. Prints are as wide above as below, lids above as far as their edge.
     """
 
-    least: float = 3.0  # height of a top
-    most: float = 0.45  # of the height of its box
+    smallest: int = 12  # px, width of a box whose top can be seen, and a third of its height
+    least: float = 0.02  # height of a top
+    most: float = 0.45
     inner: float = 0.2  # of the width, on either side, where edges are rounded
-    straight: float = 1.5  # off straight lines, at most, of the upper rim and the sides of the front
-    near: int = 3  # from an edge to where light is compared, at most
-    step: float = 0.15  # of light at the edge between top and front
-    agree: float = 0.9  # share of its columns that have half that step
-    plain: float = 0.5  # of the step: spread of light on the top, and on the front beside it
-    hue: float = 0.4  # by which one colour may change more than another
-    close: float = 3.5
-    """By which the tops of two run together, of more by the root of their number less, or half of that by which one is
-    narrower behind."""
-    off: float = 1.5  # by which each may be off its way to the vanishing point
-    dark: float = 0.003  # of linear light, below which levels are alike
-    row: float = (
-        0.05  # of its height, by which a box and its like in a row differ at the upper and the lower end
+    straight: float = (
+        0.01  # and 1 px at least, off straight lines, of the upper rim and the sides of the front
     )
+    near: float = 0.02  # and 2 px at least, from an edge to where light is compared
+    step: float = 0.15  # of light at the edge between top and front
+    plain: float = 0.6  # of the step: spread of light on the top, and on the front beside it
+    hue: float = 0.4  # by which one colour may change more than another
+    # by which the tops of two run together, of more by the root of their number less, or half of what one narrows by
+    close: float = 0.022
+    dark: float = 0.003  # of linear light, below which levels are alike
 
 
 RAIL, TOP = _RailLimits(), _TopLimits()
@@ -147,8 +145,10 @@ def lay_floors(
     rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject], solid: Reach | None = None
 ) -> SupportedObjects:
     """Objects with level feet, and floors that touch them; `solid` tells their ends from depth where it can."""
+    outlines = close_gaps_below(labels, objects)
+    objects = [replace(t, outline=outlines.get(t.id, t.outline)) for t in objects]
     objects = middle_sections(rgb, labels, objects)
-    outlines: dict[int, Outline] = {t.id: t.outline for t in objects if t.top}
+    outlines |= {t.id: t.outline for t in objects if t.top}
     groups = feet_groups(labels, objects)
     free = free_discs(objects)
     groups = [part for line, group in groups for part in split_group(line, group, free)]
@@ -167,10 +167,10 @@ def lay_floors(
 
 @dataclass(frozen=True)
 class _Top:
-    """A box whose top is seen, px."""
+    """A box whose top is seen; parts of the height of the box, but for `height`."""
 
     section: Region  # half-way from front to back
-    height: float  # from the front edge of its top up to the rear edge
+    height: float  # px, from the front edge of its top up to the rear edge
     middle: float  # column, of its front edge
     shift: float  # by which the middle of the rear edge lies to the right of that
     narrower: float  # by which the rear edge is shorter
@@ -187,19 +187,12 @@ def middle_sections(rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]) ->
     if not tops:
         return list(objects)
     middles, shifts, narrower = np.array([(t.middle, t.shift, t.narrower) for t in tops.values()]).T
-    line = np.polyfit(middles, shifts, int(np.ptp(middles) > 1))
-    row = -line[0] * np.ptp(middles) * (len(tops) / 2) ** 0.5 if len(line) > 1 else 0.0
-    off = np.abs(shifts - np.polyval(line, middles))
-    close = max(float(row), float(np.median(narrower)) / 2) >= TOP.close
-    kept = {i: top for (i, top), far in zip(tops.items(), off, strict=True) if close and far <= TOP.off}
-    # of a row of boxes all show their tops, or none: else their feet would be on several lines
-    ends = {t.id: bounds(t.outline) for t in apart}
-    for i, (_, y, _, low) in ends.items():
-        like = any(abs(y - ends[k][1]) + abs(low - ends[k][3]) < TOP.row * (low - y) for k in kept)
-        if like and i not in kept:
-            return list(objects)
+    slope = np.polyfit(middles, shifts, 1)[0] if np.ptp(middles) else 0.0
+    row = -slope * np.ptp(middles) * (len(tops) / 2) ** 0.5
+    if max(float(row), float(np.median(narrower)) / 2) < TOP.close:
+        return list(objects)
     return [
-        replace(t, outline=kept[t.id].section, top=kept[t.id].height) if t.id in kept else t for t in objects
+        replace(t, outline=tops[t.id].section, top=tops[t.id].height) if t.id in tops else t for t in objects
     ]
 
 
@@ -211,8 +204,8 @@ def _seen_top(level: F32, labels: Labels, item: PhotoObject) -> _Top | None:
     x, y, last, low = (max(int(side), 0) for side in bounds(item.outline))
     mask = labels[y : low + 2, x : last + 2] == item.id
     x0, y0, width, height = np.add(cv2.boundingRect(mask.astype(np.uint8)), (x, y, 0, 0)).tolist()
-    lower, near = slice(int(TOP.most * height), int(0.95 * height)), TOP.near
-    if min(width, height) < 4 * TOP.least:
+    lower, near = slice(int(TOP.most * height), int(0.95 * height)), max(2, round(TOP.near * height))
+    if min(width, height / 3) < TOP.smallest:
         return None
     here = np.s_[y0 : y0 + height, x0 : x0 + width]
     own, light = labels[here] == item.id, level[here]
@@ -223,33 +216,37 @@ def _seen_top(level: F32, labels: Labels, item: PhotoObject) -> _Top | None:
     rims, feet = own[inner].argmax(axis=0), height - own[::-1][inner].argmax(axis=0)
     bent = max(np.ptp(np.percentile(line, (10, 90))) for line in (lefts[lower], rights[lower], rims, feet))
     first, grey = int(np.median(rims)), light[inner].mean(axis=2)
-    rows = np.arange(first + near, lower.start)
-    if bent > TOP.straight or not len(rows) or not own[inner][first + 1 : int(np.median(feet)) - 1].all():
+    rows = np.arange(first + near + 1, lower.start)  # the rim is mixed with what is behind
+    if (
+        bent > max(1, TOP.straight * height)
+        or not len(rows)
+        or not own[inner][first + 1 : int(np.median(feet)) - 1].all()
+    ):
         return None
     steps = np.array(
         [grey[y + 1 : y + near].mean(axis=0) - grey[y - near : y - 1].mean(axis=0) for y in rows]
     )
-    usual = np.median(steps, axis=1, keepdims=True)
-    agree = (steps * np.sign(usual) > np.abs(usual) / 2).mean(axis=1)
-    k = int(np.argmax(np.abs(usual[:, 0]) * agree))
-    edge, step = int(rows[k]), abs(float(usual[k, 0]))
+    usual = np.abs(np.median(steps, axis=1))
+    edge, step = int(rows[usual.argmax()]), float(usual.max())
     parts = light[inner][first + 1 : edge - 1], light[inner][edge + near : 2 * (edge + near) - first]
     spread = max(np.ptp(np.percentile(part.mean(axis=2), (10, 90))) for part in parts)
     hue = np.ptp(np.median(parts[1], axis=(0, 1)) - np.median(parts[0], axis=(0, 1)))
-    if step < TOP.step or agree[k] < TOP.agree or spread > TOP.plain * step or hue > TOP.hue:
+    if step < TOP.step or spread > TOP.plain * step or hue > TOP.hue:
         return None
     profile = np.median(grey, axis=1)[edge - near : edge + near]
     rise = (profile - profile[: near - 1].mean()) / (profile[near + 1 :].mean() - profile[: near - 1].mean())
     front = edge - near + float(np.interp(0.5, np.maximum.accumulate(rise), np.arange(2 * near)))
     up, below = front - first + 0.5, slice(edge, 2 * edge - first + 4 * near)
-    if up < TOP.least:
+    if up < max(3.0, TOP.least * height):
         return None
     sums, widths = (all_[first:edge] - np.median(all_[below]) for all_ in (lefts + rights, lefts - rights))
     half = len(widths) // 2
     narrower = 2 * float(widths[:half].mean() - widths[half:].mean())
     xs, ys = x0 + np.array([left, right]) - 0.5, y0 + np.array([front, np.median(feet) - 0.5]) - up / 2
     corners = np.array([(xs[k], ys[j]) for k, j in ((0, 0), (1, 0), (1, 1), (0, 1))])
-    return _Top(Region((Ring(corners),)), up, float(xs.mean()), float(sums.mean()), narrower)
+    return _Top(
+        Region((Ring(corners),)), up, *(np.array([xs.mean(), sums.mean(), narrower]) / height).tolist()
+    )
 
 
 def _floors(
@@ -292,14 +289,9 @@ def _floors(
             name = kind if kind == "floor" and count == 1 else f"{kind}-{count}"
             friction = max(FRICTION, round(GRIP * abs(line.slope), 2))
             sure = {1: 0.4, 2: 0.6}.get(len(on), 0.8)
-            walls.append(Wall(name, tuple(part), friction, ELASTICITY, sure, source, _reason(on, sloped)))
+            why = "as steep as what its friction holds" if sloped else f"under {counted(len(on), 'object')}"
+            walls.append(Wall(name, tuple(part), friction, ELASTICITY, sure, source, why))
     return walls
-
-
-def _reason(group: Sequence[Foot], sloped: bool) -> str:
-    if sloped:
-        return "as steep as what its friction holds"
-    return f"under {len(group)} objects" if len(group) > 1 else "under one object"
 
 
 def _grip(objects: Sequence[PhotoObject], groups: Groups) -> dict[int, float]:
@@ -363,9 +355,10 @@ class Photo:
         first, last = float(boxes[:, 0].min()), float(boxes[:, 2].max())
         below, above = self.strips(line)
         there = slice(max(0, int(first - margin)), max(0, int(last + margin) + 2))
-        seen = all(np.isfinite(strip[there, 0]).sum() >= 3 for strip in (below, above))
-        under, over = (np.nanmedian(strip[there], 0) if seen else np.zeros(3) for strip in (below, above))
-        contrast = float(np.linalg.norm(under - over))
+        steps = np.linalg.norm((below - above)[there], axis=1)
+        seen = np.isfinite(steps).sum() >= 3
+        under = np.nanmedian(below[there], 0) if seen else np.zeros(3)
+        contrast = float(np.nanmedian(steps)) if seen else 0.0
         if not is_ground and contrast < ALIKE:
             return None
         ends = [-float(self.width), 2.0 * self.width]

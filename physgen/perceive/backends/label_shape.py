@@ -1,7 +1,6 @@
 """Backend label=shape: names from outlines alone, with little confidence.
 
-An outline supports `ball`, `block` and `object`; a bottle's neck, a cup's handle and a stick's length are recognised
-where they are clear.
+An outline supports `ball`, `block`, `stick` and `object`, and `bottle` where a neck is clear.
 """
 
 from __future__ import annotations
@@ -46,8 +45,6 @@ def _name(outline: Outline, cut: bool) -> Name:
             return Name("stick", 0.3) if long > SHAPE.long * short and not cut else Name("block", 0.4)
         if not cut and _necked(outline):
             return Name("bottle", 0.35)
-        if not cut and _handled(outline):
-            return Name("cup", 0.35)
     return Name("object", 0.2)
 
 
@@ -63,19 +60,6 @@ def _necked(outline: Region) -> bool:
     common = 2 * np.minimum(middle - left, right - middle).clip(0)
     narrowing = np.diff(np.array([float(np.median(widths[k : k + 6])) for k in range(2, 40, 6)]))
     return bool(common.sum() > SHAPE.alike * widths.sum() and (narrowing > -0.08 * body).all())
-
-
-def _handled(outline: Region) -> bool:
-    """Whether a narrow hole, as of a handle, lies left or right of the body."""
-    (ring,) = outline.rings
-    if len(ring.holes) != 1:
-        return False
-    (x0, _), (x1, _) = ring.outer.min(0), ring.outer.max(0)
-    a, b = ring.holes[0][:, 0].min(), ring.holes[0][:, 0].max()
-    narrow = b - a < 0.35 * (x1 - x0)
-    aside = b > x0 + 0.8 * (x1 - x0) if a - x0 > x1 - b else a < x0 + 0.2 * (x1 - x0)
-    tall = np.ptp(ring.outer[:, 1]) / (x1 - x0)
-    return bool(narrow and aside and 0.4 < tall < 1.6)
 
 
 def _profile(outline: Region) -> tuple[np.ndarray, np.ndarray]:

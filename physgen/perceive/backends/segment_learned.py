@@ -14,7 +14,7 @@ from physgen.compile.shapes import fill_polygon
 from physgen.perceive.inpaint.poisson import dilate
 from physgen.perceive.roles import Doubt, Mask, Segment, Segments
 from physgen.perceive.segment.candidates import FEATURES, Candidates, candidates, confidence, expected_fit
-from physgen.perceive.segment.network import mask_in_box, run_network
+from physgen.perceive.segment.network import box_of, mask_in_box, run_network
 from physgen.perceive.segment.proposals import Proposal, cut_out, doubt_about, overlap
 from physgen.perceive.segment.selection import SHARED, best_set, exclusions, search_edges
 
@@ -42,6 +42,7 @@ class LearnedConstants:
     equal: float = 0.05  # of their median radius: half of a set's objects differ by less
     room: tuple[float, float] = (0.7, 1.25)
     """Of a set's radius: the largest disc in a doubtful region, or about it between others, that is one more."""
+    handle: tuple[float, float] = (0.4, 0.5)  # of what it holds up: width at most, length at least
 
 
 LEARNED = LearnedConstants()
@@ -68,7 +69,8 @@ def segment(rgb: NDArray[np.uint8]) -> Segments:
     sure = sure[fit[sure] > 0]
     some = [found.proposals[k] for k in sure.tolist()]
     objects = as_segments(rgb, some, fit[sure], confidence(fit[sure]), found.shape)
-    return with_rest_of_set(replace(objects, doubtful=doubts(found, fit, sure, rgb.shape[:2])))
+    objects = replace(objects, doubtful=doubts(found, fit, sure, rgb.shape[:2]))
+    return with_handles(rgb, with_rest_of_set(objects))
 
 
 def continued(rgb: NDArray[np.uint8], found: Candidates, best: NDArray[np.intp]) -> NDArray[np.float64]:
@@ -131,6 +133,41 @@ def with_rest_of_set(objects: Segments) -> Segments:
         else:
             rest.append(doubt)
     return left_to_right(Segments(labels, np.array(sure), rest))
+
+
+def with_handles(rgb: NDArray[np.uint8], objects: Segments) -> Segments:
+    """Objects below which something narrow goes on, as below the head of a spoon, are cut out again with it."""
+    lab = cv2.cvtColor(cv2.GaussianBlur(rgb, (0, 0), 0.7).astype(np.float32) / 255, cv2.COLOR_RGB2LAB)
+    labels = objects.labels.copy()
+    for k in range(1, len(objects.confidence) + 1):
+        own = labels == k
+        left, top, right, low = box_of(own)
+        long = max(10, round(LEARNED.handle[1] * (low - top)))
+        if low + long <= len(own):
+            x, part = int(np.median(np.nonzero(own[low - 1])[0])), own.copy()
+            part[low:] = _handle(np.asarray(lab[low:]), labels[low:] == 0, x, right - left, long)
+            whole = mask_in_box(rgb, box_of(part)).mask if part[low:].any() else own
+            if np.count_nonzero(whole & part) > LEARNED.same * np.count_nonzero(whole | part):
+                labels[own & ~whole], labels[whole & (labels == 0)] = 0, k
+    return replace(objects, labels=labels)
+
+
+def _handle(lab: NDArray[np.float32], free: Mask, x: int, width: int, long: int) -> Mask:
+    """(h, w): what goes on from column x of the first row, nearer in colour to that place than to either side of it;
+    empty unless it is `long` px and narrow for something `width` px wide."""
+    away, like, none = np.arange(free.shape[1]) - x, free.copy(), np.zeros_like(free)
+    off = np.linalg.norm(lab - np.median(lab[1:4, max(x - 1, 0) : x + 2], axis=(0, 1)), axis=2)
+    for side in (-away, away):
+        beside = (side > width / 4) & (side < width)
+        known = lab[:long, beside][free[:long, beside]]
+        if 2 * len(known) <= long * np.count_nonzero(beside):
+            return none
+        like &= off < np.linalg.norm(lab - np.median(known, axis=0), axis=2)
+    like[:2, x] = free[:2, x]
+    pieces = cv2.connectedComponents(like.astype(np.uint8), connectivity=4)[1]
+    part = like & (pieces == pieces[0, x])
+    widths = part.sum(axis=1)[part.any(axis=1)]
+    return part if len(widths) >= long and np.percentile(widths, 95) <= LEARNED.handle[0] * width else none
 
 
 def round_radius(mask: Mask) -> float:

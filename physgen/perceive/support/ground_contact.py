@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 
 from physgen.geometry.convex import overlap_depth
+from physgen.geometry.fitting import FIT, fit_outlines
 from physgen.geometry.polygon import (
     Array,
     Disc,
@@ -189,6 +190,21 @@ def is_carried(item: PhotoObject, labels: Labels, objects: Sequence[PhotoObject]
     x = here[held] + left
     slack = 0.1 * (right - left + 1)
     return bool(x.min() <= center[0] + slack and x.max() >= center[0] - slack)
+
+
+def close_gaps_below(labels: Labels, objects: Sequence[PhotoObject]) -> dict[int, Outline]:
+    """Outlines, by id, where a mask ends just above what carries it: it gets a foot there."""
+    closed, ids = labels.copy(), [item.id for item in objects]
+    for item in objects:
+        if not item.cut and is_carried(item, labels, objects):
+            rows, columns = np.nonzero(labels == item.id)
+            low, height = rows.max() + 1, np.ptp(rows) + 1
+            aside = np.abs(columns - np.median(columns[rows == rows.max()]))
+            foot = np.unique(columns[aside <= np.ptp(columns) / 4])
+            gap = ((labels[low:, foot] > 0).mean(axis=1) >= 0.5).argmax()
+            for x in foot if FIT.touch <= gap <= max(3, 0.06 * height) else ():
+                closed[rows[columns == x].max() + 1 : low + gap, x] = item.id
+    return fit_outlines(closed, ids) if (closed != labels).any() else {}
 
 
 def group_feet(feet: Sequence[Foot], tolerance: float) -> list[tuple[Line, list[Foot]]]:

@@ -76,7 +76,7 @@ def add_supports(
         return Wall(name, tuple(chain), friction, elasticity, confidence, SOURCE, reason)
 
     def falls(on: Sequence[Sequence[Contact]]) -> tuple[list[Contact], list[int]]:
-        found = between + sorted((one for wall in on for one in wall), key=lambda contact: contact.body)
+        found = between + [one for wall in on for one in wall]
         return found, unstable_objects(outlines, found, _friction(objects, found, grip), fixed, known=known)
 
     for times in range(LIMITS.rounds if many else 4 * len(objects) + 1):
@@ -90,21 +90,18 @@ def add_supports(
             others = [outline for i, outline in enumerate(outlines) if i != k]
             wall = None
             if tries[k] == 1 and (chain := _wall_to_lean_on(item, found, k, others)):
-                reason = "holds what leans"
-                wall = wall_of("wall", chain, 0.4, reason)
+                wall = wall_of("wall", chain, 0.4, "holds what leans")
             # an object that rolls off something seen needs no ledge under it
             if wall is None and not many and (tries[k] == 3 or (tries[k] == 1 and _lies_on(found, k))):
                 chain = make_wedge(
                     item, partial(free_parts, others=others), partial(stands, found, len(lost))
                 )
                 if chain:
-                    reason = "else it rolls away"
-                    wall = wall_of("stop", chain, 0.3, reason)
+                    wall = wall_of("stop", chain, 0.3, "else it rolls away")
             if wall is None and tries[k] <= 2:
                 tries[k] = 2
                 if chain := _nest(item, others):
-                    reason = "else it falls"
-                    wall = wall_of("nest", chain, 0.3, reason)
+                    wall = wall_of("nest", chain, 0.3, "else it falls")
             if wall is None or (many and times == LIMITS.rounds - 1):
                 held.add(item.id)
                 fixed.add(k)

@@ -18,7 +18,9 @@ from physgen.maps import F32
 from physgen.perceive.roles import BoundaryGuess, Detections, Labels, Mask, PhotoObject, Rgb, Suitability
 from physgen.perceive.segment.network import run_network
 from physgen.perceive.segment.prompts import RULE
+from physgen.perceive.support.supports import SOURCE
 from physgen.scene.scene import View
+from physgen.text import counted
 
 LEAST = 30  # px of background from which a part of the photo counts
 SPREAD = 12.0  # CIE 1976 Lab: standard deviation of a background from which its layers count in full
@@ -124,13 +126,11 @@ class _Doubts:
     unclear: float = 0.1  # doubtful regions, where they cover more than the objects do
     fixed: float = 0.1  # wholes that nobody moves
     pointed: float = 0.5  # of what is pointed at: 187 of 192 people of COCO, 3 of 31 cups and bowls
-    sky: float = 0.25  # of the upper half
+    sky: float = 0.125  # in the upper half; this and the next two of what is around the objects
     foliage: float = 0.1
     detail: float = 0.4  # fine detail: clutter, crowds, gravel
     view: float = 0.6  # confidence of the view
-    unheld: float = (
-        0.5  # of the objects, under which nothing is seen: in the sky, that is a line under one alone
-    )
+    unheld: float = 0.5  # of the objects, under which nothing is seen
     filling: float = 0.6  # one object, as large as the largest that is looked for
     side: int = 256  # px, the photo's width as its texture is judged
     patch: int = 9  # px, over which detail is averaged
@@ -160,15 +160,12 @@ def judge_suitability(
     if (largest := max(area.values(), default=0.0)) > DOUBTS.filling:
         reasons.append(f"one object fills {100 * largest:.0f} % of it")
     loose = [t for t in objects if not t.cut]
-    sky = any("sky" in reason for reason in reasons)
-    guessed = (
-        w.name.startswith("nest") or (sky and w.reason == "under one object") for w in boundaries.walls
-    )
+    guessed = (w.source == SOURCE and w.name.startswith(("nest", "ledge")) for w in boundaries.walls)
     unheld = len(boundaries.held) + sum(guessed)
     if unheld > DOUBTS.unheld * max(len(loose), 1):
-        reasons.append("no support is seen beneath the objects")
+        reasons.append(f"no support is seen beneath {unheld} of {counted(len(objects), 'object')}")
     if view < DOUBTS.view:
-        reasons.append("strong perspective: it is seen neither from the side nor from above")
+        reasons.append("it is hard to tell whether it is seen from the side or from above")
     return Suitability(tuple(reasons))
 
 
@@ -203,10 +200,15 @@ def _photo_doubts(
     hue, saturation, value = np.moveaxis(cv2.cvtColor(small, cv2.COLOR_RGB2HSV).astype(int), 2, 0)
     # hues in steps of 2 degrees
     blue = (hue > 90) & (hue < 130) & (saturation > 30) & (value > 110)
-    green = (hue > 25) & (hue < 90) & (saturation > 40)
-    sky, foliage = blue[: len(blue) // 2].mean(), (green & (fine > DOUBTS.fine)).mean()
-    if sky > DOUBTS.sky or foliage > DOUBTS.foliage:
-        reasons.append("blue as of the sky" if sky > DOUBTS.sky else "green and fine as of leaves or grass")
-    elif (fine > DOUBTS.fine).mean() > DOUBTS.detail:
-        reasons.append("cluttered: fine detail nearly everywhere")
+    green, detailed = (hue > 25) & (hue < 90) & (saturation > 40), fine > DOUBTS.fine
+    blue[len(blue) // 2 :] = False
+    around = cv2.resize(found.labels, small.shape[1::-1], interpolation=cv2.INTER_NEAREST) == 0
+    for what, part, most in (
+        ("blue as of the sky", blue, DOUBTS.sky),
+        ("green and fine as of leaves or grass", green & detailed, DOUBTS.foliage),
+        ("cluttered: fine detail", detailed, DOUBTS.detail),
+    ):
+        share = np.count_nonzero(part & around) / max(int(around.sum()), 1)
+        if share > most:
+            return [*reasons, f"{what} on {100 * share:.0f} % of what is around the objects"]
     return reasons
