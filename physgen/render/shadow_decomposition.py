@@ -477,7 +477,7 @@ def _owned(rest: F32, claim: tuple[PixelBox, F32], claimed: F32) -> tuple[PixelB
     edge = 6
     height, width = rest.shape
     beyond = [edge * met for met in (y0 <= 0, y1 >= height, x0 <= 0, x1 >= width)]
-    own = cv2.copyMakeBorder(own, *beyond, cv2.BORDER_REPLICATE)
+    own = np.pad(own, (beyond[:2], beyond[2:]), "edge")
     down, across = (np.clip(np.minimum(np.arange(n), np.arange(n)[::-1]) / edge, 0, 1) for n in own.shape)
     box = x0 - beyond[2], y0 - beyond[0], x1 + beyond[3], y1 + beyond[1]
     return box, np.asarray(own * np.outer(down, across).astype(np.float32), np.float32)
