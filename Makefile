@@ -51,6 +51,8 @@ train: .venv/.studio
 	$(BIN)/python $(SEG)/export.py out/segmentation/weights.pt
 	$(BIN)/python $(SEG)/cutout.py out/segmentation/homes-store=0.35 out/segmentation/drawn=0.15 --steps 5000 -o out/segmentation
 	$(BIN)/python $(SEG)/export.py out/segmentation/cutout.pt
+	$(BIN)/python $(SEG)/cutout.py out/segmentation/homes-store=0.35 out/segmentation/drawn=0.15 --more --steps 1500 -o out/segmentation/more
+	$(BIN)/python $(SEG)/export.py out/segmentation/more/cutout.pt
 	$(BIN)/python $(SEG)/names.py -o out/segmentation/names
 
 .venv/.python:

@@ -392,9 +392,8 @@ def summary(perceived: PerceivedScene) -> list[str]:
     ways = {name: comments.get(f"objects.{name}.velocity", ", as before").split(", ")[1] for name in pushed}
     table["motion"] = "; ".join(f"{name} is pushed {way.partition(';')[0]}" for name, way in ways.items())
     table["motion"] = table["motion"] or "nothing is pushed"
-    regions = [
-        name for name, one in document.get("doubtful", {}).items() if "confidence" in one
-    ]  # not a user's
+    # a user's have no confidence
+    regions = [name for name, one in document.get("doubtful", {}).items() if "confidence" in one]
     doubts = [f"{', '.join(unsure)}: what is no object goes under doubtful, as {{mask: N}}"] if unsure else []
     if regions:
         what = f"{len(regions)} regions may be objects" if len(regions) > 1 else "1 region may be an object"
@@ -440,8 +439,8 @@ def write_scene(
     `before` is the text of a scene that was perceived again: lines, comments and shapes stay where nothing is new;
     `known` is the record beside it.
 
-    Assets go to `OUTPUT-STEM.assets/` beside the scene, or `NAME.assets/` in the current folder; those of a scene that
-    differs and is in the way stay, and the new ones go to `OUTPUT-STEM-2.assets/`.
+    Assets go to `OUTPUT-STEM.assets/` beside the scene, or `NAME.assets/` in the current folder; those of another scene
+    that are in the way stay, and the new ones go to `OUTPUT-STEM-2.assets/`.
     `photo` is its file, copied into them from outside the scene's folder; None where no scene can name the file as it
     is: it is then written as `NAME.png`. Existing files that differ are kept as `NAME~` (`keep` is called with them).
     """
@@ -465,12 +464,14 @@ def write_scene(
         text = _rewritten(before, old, head | body, perceived, known)
         return re.sub(r"\A# yaml-language-server: .*", f"# yaml-language-server: $schema={modeline}", text)
 
-    assets = folder / f"{name}.assets"
+    # a folder that is there may be another scene's
+    assets, there = free_folder(output or folder / f"{name}.yaml")
     if output is not None:
-        free, there = free_folder(output)  # a folder that is there may be another scene's
         same = there and output.is_file() and written(there).encode() == output.read_bytes()
-        assets = there if there and same else free
         folder.mkdir(parents=True, exist_ok=True)
+    else:
+        same = there and not any(there.name.encode() in one.read_bytes() for one in folder.glob("*.yaml"))
+    assets = there if there and same else assets
     ours = {*(f"{name}.png" for name in MAPS), OUTLINES, SCHEMA}
     for file, crc in recorded(assets, "files").items():
         if file in ours and (assets / file).is_file() and crc32((assets / file).read_bytes()) == crc:

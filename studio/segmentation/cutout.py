@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from batches import developed
 from coco import photos
-from network import MEAN, SPREAD, Cutout, Network
+from network import MEAN, SPREAD, Cutout, Network, load_exported
 from numpy.typing import NDArray
 from store import UNSAID, Store
 from torch.nn import functional as F  # noqa: N812
@@ -36,6 +36,8 @@ DEPTH = 0.4
 """Of an object's largest depth: where points lie."""
 NOTHING, EMPTY, TRIES, CLEAR = 0.08, (0.06, 0.6), 8, 0.02
 """Share of the crops that show nothing, of their sides in the picture's shorter one, tries, and share that others may take."""
+MORE = 0.3
+"""Of the usual rate, where the shipped head learns on."""
 SHIPPED = Path(__file__).resolve().parents[2] / "physgen/perceive/segment/segmentation.onnx"
 
 
@@ -146,14 +148,20 @@ def loss(out: torch.Tensor, batch: dict[str, torch.Tensor]) -> torch.Tensor:
     return crossed.sum() / weight.sum() + (1 - (2 * both + 20) / (either + 20)).mean()
 
 
-def train(rank: int, jobs: int, stores: Shares, steps: int, seed: int, out: Path, device: str) -> None:
+def train(
+    rank: int, jobs: int, stores: Shares, steps: int, seed: int, out: Path, device: str, more: bool
+) -> None:
     """Learn so many steps; `out` gets what `learn` writes, as cutout.pt."""
     run = Run(rank, jobs, steps, out, device, seed)
     where = run.begin()
-    network = Network().eval()
-    network.load_exported(SHIPPED)
-    network = network.to(where, memory_format=torch.channels_last)
-    head = Cutout(SIDE).to(where).train()
+    network, head = Network().eval(), Cutout(SIDE)
+    blank = torch.zeros(1, 3, SIDE, SIDE)
+    load_exported(network, SHIPPED, blank)
+    if more:
+        with torch.inference_mode():
+            levels = network.levels(blank)
+        load_exported(head, SHIPPED.with_name("cutout.onnx"), levels, torch.zeros(1, 1, 1, 1))
+    network, head = network.to(where, memory_format=torch.channels_last), head.to(where)
     sets = [[one for _, rgb, labels in photos(validation=False) for one in examples(rgb, labels)]]
     for store in (Store.at(folder) for folder, _ in stores):
         pictures = ((np.array(store.rgb[k]), np.array(store.labels[k])) for k in np.flatnonzero(store.done))
@@ -169,7 +177,7 @@ def train(rank: int, jobs: int, stores: Shares, steps: int, seed: int, out: Path
     learn(
         run,
         head,
-        [{"params": list(head.parameters()), "share": 1.0}],
+        [{"params": list(head.parameters()), "share": MORE if more else 1.0}],
         lambda step: ahead(lessons(sets, shares, BATCH // jobs, seed + 1000 * rank + step), where),
         losses,
         "cutout",
@@ -177,7 +185,7 @@ def train(rank: int, jobs: int, stores: Shares, steps: int, seed: int, out: Path
 
 
 if __name__ == "__main__":
-    jobs, stores, args = arguments(__doc__, 5000)
+    jobs, stores, args = arguments(__doc__, 5000, "--more")
     if sum(share for _, share in stores) >= 1:
         raise SystemExit("shares of the stores: less than 1 in all, since COCO's photos have the rest")
-    spawn(train, jobs, (stores, args.steps, args.seed, args.output, args.device))
+    spawn(train, jobs, (stores, args.steps, args.seed, args.output, args.device, args.more))

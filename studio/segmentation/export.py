@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 import onnx
 import torch
-from network import UP, Cutout, Network
+from network import UP, Cutout, Network, load_exported
 from onnx import numpy_helper
 from torch import Tensor, nn
 
@@ -102,7 +102,7 @@ def main() -> None:
     network = Network().eval()
     if "place" in held:
         path = args.output / "cutout.onnx"
-        network.load_exported(SHIPPED / "segmentation.onnx")
+        load_exported(network, SHIPPED / "segmentation.onnx", torch.zeros(1, 3, SIDE, SIDE))
         head = Cutout(SIDE).eval()
         head.load_state_dict(held)
         with torch.no_grad():

@@ -6,6 +6,7 @@ A U-Net whose encoder is EfficientNet-Lite0 with ImageNet's weights; torch.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnx
@@ -103,33 +104,6 @@ class Network(nn.Module):
             levels.append(torch.cat([x, beside], 1))
         return levels
 
-    def load_exported(self, path: Path) -> None:
-        """The weights of a file that `export.py` wrote, whose batch norms are part of the convolutions before them."""
-        graph = onnx.load(str(path)).graph
-        held = {one.name: numpy_helper.to_array(one).astype(np.float32) for one in graph.initializer}
-        weights = [[held[name] for name in node.input[1:]] for node in graph.node if node.op_type == "Conv"]
-        met: list[nn.Module] = []
-        kinds = (nn.Conv2d, nn.BatchNorm2d)
-        hooks = [
-            m.register_forward_hook(lambda m, *_: met.append(m))
-            for m in self.modules()
-            if isinstance(m, kinds)
-        ]
-        with torch.inference_mode():
-            self.eval()(torch.zeros(1, 3, 192, 192))
-        for hook in hooks:
-            hook.remove()
-        convolutions = [k for k, m in enumerate(met) if isinstance(m, nn.Conv2d)]
-        for k, (weight, bias) in zip(convolutions, weights, strict=True):
-            met[k].weight.data = torch.tensor(weight)
-            if met[k].bias is not None:
-                met[k].bias.data = torch.tensor(bias)
-                continue
-            norm = met[k + 1]
-            norm.running_mean.zero_(), norm.running_var.fill_(1 - norm.eps)
-            norm.weight.data.fill_(1.0)
-            norm.bias.data = torch.tensor(bias)
-
 
 CUT = (112, 64, 40, 24)
 """Channels of the levels of the head that cuts out, the coarsest first."""
@@ -159,3 +133,33 @@ class Cutout(nn.Module):
             x = x + side(levels[n + 1])
             x = up(x if n else x + place)
         return self.out(x)[:, 0]
+
+
+def load_exported(model: Network | Cutout, path: Path, *example: Any) -> None:
+    """The weights of a file that `export.py` wrote, whose batch norms are part of the convolutions before them; the
+    `example` is what the model takes. Batch norms then keep still."""
+    graph = onnx.load(str(path)).graph
+    held = {one.name: numpy_helper.to_array(one).astype(np.float32) for one in graph.initializer}
+    weights = [[held.pop(name) for name in node.input[1:]] for node in graph.node if node.op_type == "Conv"]
+    met: list[nn.Module] = []
+    kinds = (nn.Conv2d, nn.BatchNorm2d)
+    hooks = [
+        m.register_forward_hook(lambda m, *_: met.append(m)) for m in model.modules() if isinstance(m, kinds)
+    ]
+    with torch.inference_mode():
+        model.eval()(*example)
+    for hook in hooks:
+        hook.remove()
+    convolutions = [k for k, m in enumerate(met) if isinstance(m, nn.Conv2d)]
+    for k, (weight, bias) in zip(convolutions, weights, strict=True):
+        met[k].weight.data = torch.tensor(weight)
+        if met[k].bias is not None:
+            met[k].bias.data = torch.tensor(bias)
+            continue
+        norm = met[k + 1]
+        norm.running_mean.zero_(), norm.running_var.fill_(1 - norm.eps)
+        norm.weight.data.fill_(1.0)
+        norm.bias.data = torch.tensor(bias)
+    if isinstance(model, Cutout):  # kept: the place in boxes, and what points change of it
+        boxes, change = held.values()
+        model.place.data = torch.tensor(np.stack([boxes, boxes + change]))

@@ -211,7 +211,7 @@ def agreed(network: nn.Module, jobs: int) -> None:
         at += gradient.numel()
 
 
-def arguments(text: str | None, steps: int) -> tuple[int, Shares, argparse.Namespace]:
+def arguments(text: str | None, steps: int, *flags: str) -> tuple[int, Shares, argparse.Namespace]:
     """Processes, stores and the other arguments of a training script; the output's folder is there then."""
     parser = argparse.ArgumentParser(description=text)
     parser.add_argument("stores", nargs="+", help="FOLDER or FOLDER=SHARE of stored pictures")
@@ -220,6 +220,8 @@ def arguments(text: str | None, steps: int) -> tuple[int, Shares, argparse.Names
     parser.add_argument("--jobs", type=int, default=2, help="processes, without a GPU")
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     parser.add_argument("-o", "--output", type=Path, default=Path("out/segmentation"))
+    for flag in flags:
+        parser.add_argument(flag, action="store_true")
     args = parser.parse_args()
     missing = [text for text in args.stores if not (Path(text.partition("=")[0]) / "done.npy").exists()]
     if missing:
