@@ -192,7 +192,9 @@ class Labels:
 TABLE = "fan.csv"
 """Table of all draws, in a clip's folder."""
 UNMOVED = 1.0
-"""px: a displacement of a point of an object that nobody sees; where something is pushed, more: the longer side / 200."""
+"""px: a displacement of a point of an object that nobody sees."""
+HARDLY = 0.005
+"""Of the longer side: the same where something is pushed."""
 UNBALANCED = 0.03
 """Share of the energy that flows which may be unaccounted for before the user is warned."""
 
@@ -364,13 +366,14 @@ class _Run:
         reach = np.array([body.reach for body in world.bodies])[:, None]
         moved = np.ptp(trajectory.poses, axis=0) * np.concatenate([np.ones((len(reach), 2)), reach], 1)
         pushed = [item for item in scene.objects if any(item.velocity)]
-        if moved.max(initial=0.0) < UNMOVED * (max(world.size) / HARDLY if pushed else 1):
+        least = HARDLY * max(scene.size) if pushed else UNMOVED
+        if moved.max(initial=0.0) < least:
             look = 'see what holds it by --set "render.overlay=[outlines, contacts]"'
             held = "write motion: dynamic, or " * any(item.motion is Motion.STATIC for item in scene.objects)
             fix = f"no push moves anything: {held}{look}" if world.bodies else ADD_OBJECT
             if pushed:
                 speed = float(np.hypot(*pushed[0].velocity))
-                slow = speed * world.duration < max(world.size) / HARDLY
+                slow = speed * world.duration < least
                 why_not = f"of {speed:.3g} px/s, and hardly moves at that" if slow else f"and is stuck: {look}"
                 fix = f"{pushed[0].name} has a velocity {why_not}"
             elif push := default_push(scene, shapes_of(scene, self._mask_ids), {}):
