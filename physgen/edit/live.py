@@ -181,7 +181,7 @@ class MotionStream:
             between = frames[:-1, None] + np.diff(frames)[:, None] * (np.arange(finer) / finer)
             times = np.unique(np.concatenate([between.ravel(), frames]))
         self._frames = np.searchsorted(times, frames)
-        self._running = Running(world, times)
+        self._running = Running(world, times, most=0)
         self.problems: list[Problem] = []
         """Why the motion ends early."""
 
@@ -240,7 +240,6 @@ class MotionStream:
         try:
             while not self.done:
                 run.on(run.end, enough=partial(_late, deadline))
-                run.read()
                 if run.done >= min(least, self.total) and _late(deadline):
                     break
                 deadline = max(deadline, time.perf_counter() + 0.01)

@@ -105,7 +105,6 @@ def ended(scene: Scene, compiled: Compiled) -> tuple[Compiled, Running | None]:
     run = Running(replace(world, duration=most), np.arange(0.0, most, pause / 15))
     for length in (*(part / slow for part in (1.25, 2.5, 5.0) if part / slow < most), most):
         run.on(length)
-        run.read()
         times = run.times[run.times < length]
         poses = run.trajectory().poses[: len(times)]
         off = np.abs(poses - poses[-1:]) * np.array([1.0, 1.0, 0.0])
@@ -326,7 +325,7 @@ class Stages:
         self._maps: Recent[Maps] = Recent(2 if self._editing else min(few, 1))
         self._shapes: Recent[Shapes] = Recent(few)
         self._stages: Recent[Stage] = Recent(min(few, 1))
-        self._motions: Recent[Trajectory] = Recent(max(few, 1))
+        self._motions: Recent[Trajectory] = Recent(1)  # with the steps of its run
         self._hashes: dict[Path, tuple[Stamp, str]] = {}
 
     def load(
@@ -372,7 +371,7 @@ class Stages:
         compiled, run = ended(scene, compile_shapes(scene, shapes))
         if run is not None:
             world = compiled.world
-            self._motions.of(motion_key(world), lambda: run.recording.sampled(world.times))
+            self._motions.of(motion_key(world), lambda: run.sampled(world.times))
         return compiled
 
     def stage(self, scene: Scene, compiled: Compiled, maps: Maps) -> Stage:

@@ -35,7 +35,7 @@ class CollisionTuning:
     """Relative change of an impulse at which points that close together are solved: usually, and in a heap."""
     base: float = 2e6
     per_second: float = 1e6
-    """Passes over points that close together that a run may begin with, and more a second of the scene: over 30 times
+    """Passes over points that close together that a run may begin with, and more a second of the scene: over 100 times
     what the bundled scenes need. Beyond it each step has one round: a ton on a saucer cannot keep a run for hours."""
     crowd: int = 500  # contact points of a heap
     together: float = 0.02  # part of a step within which two contacts of one body count as simultaneous

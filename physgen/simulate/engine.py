@@ -10,8 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from itertools import takewhile
 from math import ceil, nan
+from threading import Lock
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,13 +44,12 @@ from physgen.simulate.forces import (
     stiffest_spring,
 )
 from physgen.simulate.joints import Assemblies
-from physgen.simulate.recorder import DIVERGED_FIX, NOT_BRAKED, STEP_BYTES, UNKNOWN_PLACE, Recorder, Step
+from physgen.simulate.recorder import DIVERGED_FIX, NOT_BRAKED, UNKNOWN_PLACE, Recorder, Step
 from physgen.simulate.space import Space
 from physgen.simulate.step_control import Governor, StepDivider
 from physgen.simulate.trajectory import Effort, Trajectory
 
 Index = NDArray[np.int64]
-Done = tuple[int, int, int, int, int, float, int, int]
 
 PHASE = 0.1
 """rad that the stiffest spring, or a pass by an attractor, may turn in a step."""
@@ -67,47 +68,17 @@ def simulate(world: World, times: Array | None = None, progress: Progress = sile
     """
     running = Running(world, times)
     running.on(running.end, progress)
-    running.read()
     return running.trajectory()
 
 
-class Recording:
-    """The steps of a run, to be read again at other times: they do not depend on samples."""
-
-    def __init__(self, world: World, moving: Index, loads: ForceFields, scripts: ScriptedMotion) -> None:
-        self._world, self._parts = world, (moving, loads, scripts)
-        self._steps, self._bytes = list[tuple[Step, Done]](), 0
-        self.begun: tuple[tuple[Step, Array, Array, Array], Done]
-
-    def recorder(self, times: Array) -> Recorder:
-        """One of the run's world."""
-        return Recorder(self._world, *self._parts, times)
-
-    def add(self, step: Step, effort: Done) -> None:
-        """Note a step, unless the run is too large to be kept."""
-        self._bytes += len(step.numbers) + 2 * len(step.states) + 600  # of Python's own
-        self._steps.append((step, effort))
-        if self._bytes > STEP_BYTES:
-            self._steps.clear()
-
-    def sampled(self, times: Array) -> Trajectory:
-        """The motion at these times, s, rising, bit for bit as `simulate` gives it."""
-        base, ledger, (begin, effort) = 1 / self._world.steps_per_second, self.recorder(times), self.begun
-        last = ceil(float(times.max(initial=0.0)) / base - 1e-9) * base
-        kept = list(takewhile(lambda kept: kept[0].time < last + base / 2, self._steps))
-        if self._bytes > STEP_BYTES or (kept[-1][0].time if kept else 0.0) < last - base / 2:
-            return simulate(self._world, times)
-        ledger.begin(*begin)
-        for step, effort in kept:  # noqa: B007 - the last one's counts
-            ledger.add(step)
-        ledger.read()
-        return ledger.trajectory(Effort(*effort), self.sampled)
-
-
 class Running:
-    """A simulation under way: taken on piece by piece, however the pieces are cut, it becomes what `simulate` gives."""
+    """A simulation under way: taken on piece by piece, however the pieces are cut, it becomes what `simulate` gives.
 
-    def __init__(self, world: World, times: Array | None = None) -> None:
+    Its steps do not depend on the samples: they are kept, to be read again at other times.
+    """
+
+    def __init__(self, world: World, times: Array | None = None, most: int = 64_000_000) -> None:
+        """A run whose steps take more than `most` bytes is not kept."""
         self.times = world.times if times is None else np.asarray(times, np.float64)
         self._base = 1.0 / world.steps_per_second
         self._number = -1
@@ -118,8 +89,10 @@ class Running:
         moving = self._space.moving
         self._loads, self._scripts = ForceFields(world), ScriptedMotion(world)
         self._lasting = StepForces(world, moving, self._loads)
-        self.recording = Recording(world, moving, self._loads, self._scripts)
-        self._ledger = self.recording.recorder(self.times)
+        self._recorder = partial(Recorder, world, moving, self._loads, self._scripts)
+        self._ledger = self._recorder(self.times)
+        self._kept, self._bytes, self._most = list[tuple[Step, Effort]](), 0, most
+        self._lock = Lock()  # motions are read in several threads
         self._row = {int(body): row for row, body in enumerate(moving)}
         self._stepper = Stepper(world, self._space, self._lasting, self._governor)
         self._kicks = Impulses(world)
@@ -163,25 +136,36 @@ class Running:
                 self._advance()
                 if self._number // 256 > before // 256:
                     progress("simulate", self._ledger.done, len(self.times))
-
-    def read(self) -> None:
-        """Take the samples up to where the run stands."""
-        with self._overflow_named():
             self._ledger.read()
 
     def trajectory(self) -> Trajectory:
         """What is known; samples from `done` on are not taken yet, and zeros."""
-        return self._ledger.trajectory(Effort(*self._effort()), self.recording.sampled)
+        return self._ledger.trajectory(self._effort(), self.sampled)
 
-    def _effort(self) -> Done:
-        """The values of `Effort` so far."""
+    def sampled(self, times: Array) -> Trajectory:
+        """The motion at these times, s, rising, bit for bit as `simulate` gives it."""
+        until, ledger = float(times.max(initial=0.0)), self._recorder(times)
+        last = (ceil(until / self._base - 1e-9) + 1e-6) * self._base
+        with self._lock:
+            self.on(until, enough=lambda: self._bytes > self._most)
+            kept = list(takewhile(lambda kept: kept[0].time < last, self._kept))
+            if self._bytes > self._most:
+                return simulate(self._world, times)
+        begin, effort = self._begun
+        with self._overflow_named():
+            ledger.begin(*begin)
+            for step, effort in kept:  # noqa: B007 - the last one's counts
+                ledger.add(step)
+            ledger.read()
+        return ledger.trajectory(effort, self.sampled)
+
+    def _effort(self) -> Effort:
         stepper, governor, alone = self._stepper, self._governor, self._reach.overworked_by
         pair = stepper.budget.exceeded_by or (-1, -1)
         if alone is not None:
             pair = int(self._space.moving[alone]), -1
-        still = governor.threshold(self._base, governor.loudest)
         counts = stepper.steps, self._divided, self._most_parts, governor.most_sweeps, stepper.impacts
-        return *counts, still, *pair
+        return Effort(*counts, governor.threshold(self._base, governor.loudest), *pair)
 
     @contextmanager
     def _overflow_named(self) -> Iterator[None]:
@@ -219,7 +203,7 @@ class Running:
         if step.before is None:
             step.before = state[:, 3:].copy()
         self._ledger.begin(step, pose, shown, roll)
-        self.recording.begun = (step, pose, shown, roll), self._effort()
+        self._begun = (step, pose, shown, roll), self._effort()
 
     def _advance(self) -> None:
         """A base step, in as many parts as it needs."""
@@ -285,7 +269,10 @@ class Running:
             self._reviewed = self._stepper.steps
             contacts = len(step.numbers) // CONTACT_BYTES
             self._governor.review(since, contacts, ledger.residual, ledger.overlap, h)
-        self.recording.add(step, self._effort())
+        self._bytes += len(step.numbers) + 2 * len(step.states) + 600  # of Python's own
+        self._kept.append((step, self._effort()))
+        if self._bytes > self._most:
+            self._kept.clear()
 
     def _kicked(self, begin: float, end: float, state: Array) -> list[EnergyEvent]:
         """Impulses that are given within this step, at their times, in the state (M, 6)."""

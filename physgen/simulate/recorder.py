@@ -134,10 +134,10 @@ class ContactLog:
         )
 
 
-BLOCK = 256, 2_000_000
-"""Steps that are read together, fewer at first, so that the engine soon knows how accurate it is; bytes of contacts."""
-STEP_BYTES = 64_000_000
-"""Of a run's steps that are kept to be read again at other times; a longer run is simulated again."""
+BLOCK = 256
+"""Steps that are read together; fewer at first, so that the engine soon knows how accurate it is."""
+BLOCK_BYTES = 2_000_000
+"""Of their contacts, at most."""
 UNKNOWN_PLACE = Place("scene")
 """Where a problem lies that only shows in the running; who knows the file says where in it."""
 DIVERGED_FIX = "raise steps_per_second, or look for a force, spring or joint that is too strong for its mass"
@@ -202,7 +202,7 @@ class Recorder:
         self._struck: list[tuple[float, float, float]] = []
         self._spent = np.zeros(2)  # lost and work of the impacts of earlier blocks
         self._first = True
-        self._block = BLOCK[0] // 8
+        self._block = BLOCK // 8
         self.residual = 0.0
         """Fastest closing of a contact that a step of the last block left, px/s."""
         self.overlap = 0.0
@@ -223,10 +223,10 @@ class Recorder:
         self._steps.append(step)
         self._count += 1
         self._held += len(step.numbers)
-        if self._count < self._block and self._held < BLOCK[1]:
+        if self._count < self._block and self._held < BLOCK_BYTES:
             return False
         self.flush()
-        self._block = BLOCK[0]
+        self._block = BLOCK
         return True
 
     def flush(self) -> None:

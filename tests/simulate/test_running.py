@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,19 +10,27 @@ import pytest
 
 from physgen import pipeline
 from physgen.compile.world import World
+from physgen.simulate.collisions import TUNING
 from physgen.simulate.engine import Running, simulate
 from physgen.simulate.trajectory import Trajectory, read_trajectory
 
 SCENES = Path(__file__).resolve().parents[2] / "scenes"
 
 
-@pytest.mark.parametrize("name", ["cups", "billiards", "pendulum"])
-def test_pieces_of_a_run_are_the_run(name: str) -> None:
-    """Contacts, blows, joints, what rolls on a table; cut after every step, after many, and in the middle of blocks."""
-    scene = pipeline.load(SCENES / name / "scene.yaml")
-    world = pipeline.compile(scene, pipeline.percepts(scene)).world
+def read(scene: str, *edits: str) -> World:
+    opened = pipeline.load(SCENES / scene, edits)
+    return pipeline.compile(opened, pipeline.percepts(opened)).world
+
+
+@pytest.mark.parametrize(
+    "scene", ["cups/scene.yaml", "billiards/scene.yaml", "pendulum/scene.yaml", "physics/24-thin-walls.yaml"]
+)
+def test_pieces_of_a_run_are_the_run(scene: str) -> None:
+    """Contacts, blows, joints, what rolls on a table, divided steps; cut after every step, and after many."""
+    world = read(scene)
     whole = simulate(world)
     assert whole.effort.impacts
+    assert whole.effort.divided or "walls" not in scene
     running, random, rounds = Running(world), np.random.default_rng(5), 0
     early: list[np.ndarray] = []
     while running.done < len(whole.times):
@@ -34,10 +43,8 @@ def test_pieces_of_a_run_are_the_run(name: str) -> None:
 
         running.on(running.end, enough=enough)
         if rounds % 3:
-            running.read()
             early.append(running.trajectory().poses[: running.done].copy())
         rounds += 1
-    running.read()
     made = running.trajectory()
     assert rounds > 20
     assert np.array_equal(made.poses, whole.poses)
@@ -58,22 +65,53 @@ def same_at_other_times(world: World, made: Trajectory) -> None:
         assert all(np.array_equal(again[key], fresh[key]) for key in fresh)
 
 
-def test_a_run_too_large_to_be_kept_is_simulated_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("physgen.simulate.engine.STEP_BYTES", 1000)
-    scene = pipeline.load(SCENES / "cups" / "scene.yaml", ["world.duration=0.2"])
-    world = pipeline.compile(scene, pipeline.percepts(scene)).world
+@pytest.mark.parametrize("most", [0, 1000, 500_000])
+def test_a_run_too_large_to_be_kept_is_simulated_again(most: int) -> None:
+    """Too large from the start, within the clip, and where it goes on beyond its end."""
+    world = read("cups/scene.yaml", "world.duration=0.2")
+    running = Running(world, most=most)
+    running.on(running.end)
+    same_at_other_times(world, running.trajectory())
+
+
+@pytest.mark.filterwarnings("error")
+def test_squares_that_overflow_are_read_again_without_a_warning() -> None:
+    world = read("physics/01-free-fall.yaml", "world.duration=0.1")
+    world = replace(
+        world, bodies=tuple(replace(body, velocity=np.array([1e160, 0])) for body in world.bodies)
+    )
     same_at_other_times(world, simulate(world))
 
 
-def test_a_clip_is_simulated_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Its end, frames, blur, page and trails are read from one run."""
+@pytest.mark.parametrize("duration", ["auto", "0.4"])
+def test_a_clip_is_simulated_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, duration: str) -> None:
+    """Its end, frames, blur, page, trails and events are read from one run."""
     starts, start = [], Running._start
     monkeypatch.setattr(Running, "_start", lambda self: (starts.append(1), start(self))[1])
-    edits = ["world.duration=auto", "render.fps=10", "render.motion_blur=0.5", "render.overlay=[trails, contacts]"]
-    folder = pipeline.render_scene(SCENES / "cans" / "scene.yaml", tmp_path, overrides=tuple(edits))
+    edits = [
+        f"world.duration={duration}",
+        "render.fps=10",
+        "render.motion_blur=0.5",
+        "render.overlay=[trails, contacts]",
+    ]
+    folder = pipeline.render_scene(
+        SCENES / "cans" / "scene.yaml", tmp_path, overrides=tuple(edits), export=("events",)
+    )
     assert len(starts) == 1
     monkeypatch.undo()
-    scene = pipeline.load(SCENES / "cans" / "scene.yaml", edits)
-    world = pipeline.compile(scene, pipeline.percepts(scene)).world
+    world = read("cans/scene.yaml", *edits)
     kept, fresh = read_trajectory(folder / "trajectory.npz").as_arrays(), simulate(world).as_arrays()
     assert all(np.array_equal(kept[key], fresh[key]) for key in fresh)
+
+
+@pytest.mark.parametrize(("base", "brings"), [(0.01, 0.0), (1e-4, 1.0)])
+def test_a_run_may_take_a_hundred_times_the_work_of_a_pyramid(
+    monkeypatch: pytest.MonkeyPatch, base: float, brings: float
+) -> None:
+    """Of what it begins with; where that is next to nothing, what the time before the hit brings is enough."""
+    less = replace(TUNING, base=TUNING.base * base, per_second=TUNING.per_second * brings)
+    monkeypatch.setattr("physgen.simulate.collisions.TUNING", less)
+    assert simulate(read("pyramid/scene.yaml")).effort.overworked == -1
+    none = replace(TUNING, base=0.0, per_second=0.0)
+    monkeypatch.setattr("physgen.simulate.collisions.TUNING", none)
+    assert simulate(read("pyramid/scene.yaml")).effort.overworked >= 0

@@ -6,8 +6,7 @@ every patch with every other; finer ones try the neighbours' places (Barnes et a
 starts from two guesses: rows carried on level, and continued edges, which stay, with a harmonic fill between them. For
 each piece of the hole, the one goes on that is most like known patches and departs least from continued edges and from
 its surroundings. Beside colours, patches are compared by how rough they are (Newson et al. 2014, Video inpainting of
-complex scenes). Comparisons are sums of whole numbers that hardly ever reach 2^24, so that their order, and the
-machine, changes nothing.
+complex scenes). Comparisons are sums of whole numbers below 2^24: their order, and the machine, changes nothing.
 """
 
 from __future__ import annotations
@@ -53,7 +52,6 @@ class _Tuning:
     # levels, for one of slope, as which roughness is compared; from 3 on a studio photo's ground is filled from grass
     texture: float = 2.0
     around: float = 16.0  # px, standard deviation: how far around a pixel that is averaged
-    roughest: float = 60.0  # levels of slope: more is as rough
     max_depth: float = 4.5  # px that the hole may be deep at the coarsest scale
     # px: a coarsest scale with more is halved again (photos over three times as wide as high)
     wide: int = 30_000
@@ -125,8 +123,7 @@ def _texture(picture: F32, hole: Mask) -> F32:
     grey, known = picture.mean(axis=2), (~dilate(hole, 1)).astype(np.float32)
     slope = sum(np.abs(cv2.Sobel(grey, cv2.CV_32F, *along)) / 8 for along in ((1, 0), (0, 1)))
     logs, near = (cv2.GaussianBlur(a, (0, 0), TUNING.around) for a in (np.log1p(slope) * known, known))
-    rough = np.minimum(np.expm1(logs / np.maximum(near, 1e-3)), TUNING.roughest)
-    return np.asarray(TUNING.texture * rough[..., None], np.float32)
+    return np.asarray(TUNING.texture * np.expm1(logs / np.maximum(near, 1e-3))[..., None], np.float32)
 
 
 def _refined(fill: _Fill, search: _Search, k: int, keep: bool) -> _Fill:
@@ -234,6 +231,11 @@ def _square(radius: int) -> NDArray[np.uint8]:
     return np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
 
 
+def _halved(picture: F32, r: int) -> F32:
+    """`picture` with a border of r px, in whole numbers from -64 to 64."""
+    return np.pad(np.round(picture / 2) - 64, ((r, r), (r, r), (0, 0)), mode="edge").astype(np.float32)
+
+
 class _Search:
     """Patches of one scale, and the search for the known patch most like each."""
 
@@ -249,9 +251,9 @@ class _Search:
         self.trust = np.asarray(TUNING.trust ** -np.minimum(deep, 20), np.float32)
         whole = np.pad(np.maximum(np.round(7 * self.trust), 1), radius).astype(np.float32)
         self.mask = self._patches(whole)[self.at[:, 0], self.at[:, 1]]
-        halved = np.pad(np.round(level.picture / 2), ((radius, radius), (radius, radius), (0, 0)))
-        self.flat = halved.astype(np.float32).reshape(-1, halved.shape[2])
-        self.known = self._patches(halved.astype(np.float32))
+        halved = _halved(level.picture, radius)
+        self.flat = halved.reshape(-1, halved.shape[2])
+        self.known = self._patches(halved)
         # nearest source of every pixel: a doubled place need not be one
         _, labels = cv2.distanceTransformWithLabels(
             (~self.sources).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
@@ -274,9 +276,7 @@ class _Search:
 
     def nearest(self, guess: F32, field: NDArray[np.int64] | None) -> tuple[NDArray[np.int64], F32]:
         """Centres of the best known patches (H, W, 2), and their costs, one for each of `at`."""
-        r = self.radius
-        around: F32 = np.pad(np.round(guess / 2), ((r, r), (r, r), (0, 0)), mode="edge").astype(np.float32)
-        target = self._patches(around)[self.at[:, 0], self.at[:, 1]]
+        target = self._patches(_halved(guess, self.radius))[self.at[:, 0], self.at[:, 1]]
         if field is None or len(self.at) * len(self.source_at) < TUNING.max_pairs:
             best, cost = self._exhaustive(target)
         else:
