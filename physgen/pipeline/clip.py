@@ -374,7 +374,9 @@ class _Run:
             if pushed:
                 speed = float(np.hypot(*pushed[0].velocity))
                 slow = speed * world.duration < least
-                why_not = f"of {speed:.3g} px/s, and hardly moves at that" if slow else f"and is stuck: {look}"
+                why_not = (
+                    f"of {speed:.3g} px/s, and hardly moves at that" if slow else f"and is stuck: {look}"
+                )
                 fix = f"{pushed[0].name} has a velocity {why_not}"
             elif push := default_push(scene, shapes_of(scene, self._mask_ids), {}):
                 fix = f"try --push {push.name}={push.way}, or write a velocity or a force"
