@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
@@ -179,3 +180,13 @@ def test_the_head_of_a_spoon_is_no_ball(
         assert (found & spoon).sum() > 0.9 * (found | spoon).sum()
     else:
         assert np.array_equal(found, head)
+
+
+@pytest.mark.parametrize("box", [(0, 2, 40, 60), (0, 30, 0, 10), (0, 30, 90, 100), (100, 120, 90, 100)])
+def test_objects_at_the_photos_border_have_no_handle(box: tuple[int, int, int, int]) -> None:
+    labels = np.zeros((120, 100), np.uint16)
+    labels[box[0] : box[1], box[2] : box[3]] = 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = with_handles(np.full((120, 100, 3), 200, np.uint8), Segments(labels, np.array([0.9])))
+    assert np.array_equal(found.labels, labels)

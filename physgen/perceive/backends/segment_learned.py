@@ -145,7 +145,7 @@ def with_handles(rgb: NDArray[np.uint8], objects: Segments) -> Segments:
         long = max(10, round(LEARNED.handle[1] * (low - top)))
         if low + long <= len(own):
             x, part = int(np.median(np.nonzero(own[low - 1])[0])), own.copy()
-            head = np.median(lab[low - 4 : low, max(x - 1, 0) : x + 2], axis=(0, 1))
+            head = np.median(lab[max(low - 4, 0) : low, max(x - 1, 0) : x + 2], axis=(0, 1))
             part[low:] = _handle(np.asarray(lab[low:]), head, labels[low:] == 0, x, right - left, long)
             whole = mask_in_box(rgb, box_of(part)).mask if part[low:].any() else own
             if np.count_nonzero(whole & part) > LEARNED.same * np.count_nonzero(whole | part):
