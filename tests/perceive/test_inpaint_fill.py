@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from physgen.perceive.backends.inpaint_fill import fill
-from physgen.perceive.inpaint.patch_match import RADIUS, Level, _Search, _texture
+from physgen.perceive.inpaint.patch_match import RADIUS, Level, _Search
 from physgen.perceive.inpaint.poisson import fill_behind, harmonic_fill, seamless
 
 H, W = 90, 130
@@ -216,34 +216,20 @@ def test_the_thin_edge_of_a_shelf_goes_on_below_what_stood_on_it() -> None:
     assert np.array_equal(found[80:], picture[80:])
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_leaves_are_not_filled_from_a_smooth_wall_of_their_mean_colour(seed: int) -> None:
-    random = np.random.default_rng(seed)
-    y, x = np.mgrid[:200, :320]
-    leaves = cv2.GaussianBlur(random.normal(0, 1, (200, 320)), (0, 0), 1.2)
-    light = 128 + np.where(x < 150, 0, 40 * leaves / leaves.std())[..., None]
-    picture = np.clip(light + random.normal(0, 1.5, (200, 320, 3)), 0, 255).astype(np.uint8)
-    away = np.hypot(x - 230, y - 100)
-    found = fill()(picture, away < 45)
-    assert found[away < 37].std() > 0.5 * picture[away < 37].std()
-
-
 def test_what_stands_in_the_hole_changes_nothing() -> None:
-    """Neither its colours nor how rough it is, nor its edges."""
+    """Neither its colours nor its edges."""
     random, hole = np.random.default_rng(0), blob("disc")
     rough = random.integers(0, 256, (H, W, 3), np.uint8)
     photos = [np.where(hole[..., None], inside, wood()) for inside in (rough, wood())]
     assert np.array_equal(*(fill()(photo, hole) for photo in photos))
-    one, other = (_texture(photo.astype(np.float32), hole) for photo in photos)
-    assert np.abs(one - other).max() < 0.5  # slopes reach into it from its corners
 
 
 def test_comparisons_are_whole_numbers_that_single_precision_holds() -> None:
     """On white and black, whose squares are the largest; the order of sums beyond 2^24 would change the fill."""
     photo = np.where((X // 8 + Y // 8)[..., None] % 2 < 1, 255, np.zeros((H, W, 3))).astype(np.float32)
-    level = Level(np.dstack([photo, photo[..., :1] / 2]), blob("disc"), blob("disc") & False)
+    level = Level(photo, blob("disc"), blob("disc") & False)
     search = _Search(level, RADIUS)
     target = search.known[search.at[:, 0], search.at[:, 1]]
     weighted = np.abs(target) * search.mask[..., None]
-    largest = (weighted * 64 * 2).sum((1, 2, 3)) + (search.mask * 64**2 * 4).sum((1, 2))
+    largest = (weighted * 64 * 2).sum((1, 2, 3)) + (search.mask * 64**2 * 3).sum((1, 2))
     assert largest.max() < 2**24

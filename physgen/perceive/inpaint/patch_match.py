@@ -5,8 +5,7 @@ both are repeated, from coarse to fine (Wexler et al. 2007, Space-time completio
 every patch with every other; finer ones try the neighbours' places (Barnes et al. 2009, PatchMatch). The coarsest scale
 starts from two guesses: rows carried on level, and continued edges, which stay, with a harmonic fill between them. For
 each piece of the hole, the one goes on that is most like known patches and departs least from continued edges and from
-its surroundings. Beside colours, patches are compared by how rough they are (Newson et al. 2014, Video inpainting of
-complex scenes). Comparisons are sums of whole numbers below 2^24: their order, and the machine, changes nothing.
+its surroundings. Comparisons are sums of whole numbers below 2^24: their order, and the machine, change nothing.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from numpy.typing import NDArray
 
 from physgen.maps import F32
 from physgen.perceive.inpaint.edge_continuation import continue_edges
-from physgen.perceive.inpaint.poisson import dilate, harmonic_fill, nearest_piece, seams
+from physgen.perceive.inpaint.poisson import harmonic_fill, nearest_piece, seams
 from physgen.perceive.roles import Mask
 
 Places = NDArray[np.int64]
@@ -49,9 +48,6 @@ class _Tuning:
     distance_cost: float = 60.0
     # squared levels a pixel (of 128) between a patch and its match: where nothing known is like it, the guess stays
     unlike: float = 2000.0
-    # levels, for one of slope, as which roughness is compared; from 3 on a studio photo's ground is filled from grass
-    texture: float = 2.0
-    around: float = 16.0  # px, standard deviation: how far around a pixel that is averaged
     max_depth: float = 4.5  # px that the hole may be deep at the coarsest scale
     # px: a coarsest scale with more is halved again (photos over three times as wide as high)
     wide: int = 30_000
@@ -70,7 +66,7 @@ RADIUS = TUNING.radius
 class Level:
     """The picture at one scale."""
 
-    picture: F32  # (H, W, 4): colours and roughness; arbitrary in the hole
+    picture: F32  # (H, W, 3); arbitrary in the hole
     hole: Mask  # (H, W)
     drawn: Mask  # (H, W): where, in the hole, the picture holds a continued edge
 
@@ -78,7 +74,7 @@ class Level:
 class _Fill(NamedTuple):
     """A fill at one scale."""
 
-    guess: F32  # (H, W, 4)
+    guess: F32  # (H, W, 3)
     # (H, W, 2): where the patch comes from whose centre is the pixel; None before the first search
     field: NDArray[np.int64] | None
     alike: F32  # (H, W) 0..1: how like that patch is
@@ -87,9 +83,7 @@ class _Fill(NamedTuple):
 
 def patch_match_fill(picture: F32, hole: Mask) -> F32:
     """`(H, W, 3)` float32 with `hole` (H, W) filled from the rest of the picture; the rest is unchanged."""
-    (drawn, strips), texture = continue_edges(picture, hole), _texture(picture, hole)
-    drawn = np.dstack([drawn, harmonic_fill(texture, hole)])
-    levels = list(image_pyramid(np.dstack([picture, texture]), hole, drawn, strips))
+    levels = list(image_pyramid(picture, hole, *continue_edges(picture, hole)))
     if not hole.any() or not levels or not patch_centres(levels[-1].hole, RADIUS).any():
         return harmonic_fill(picture, hole)  # nowhere a whole patch is left to borrow from
     top = len(levels) - 1
@@ -108,22 +102,11 @@ def patch_match_fill(picture: F32, hole: Mask) -> F32:
 
     edges, rows = harmonic_fill(last.picture, last.hole & ~last.drawn), level_fill(last.picture, last.hole)
     fills = [started(edges, keep=True)]
-    if np.abs(edges - rows)[..., :3].max() > TUNING.same:
+    if np.abs(edges - rows).max() > TUNING.same:
         fills.append(started(rows, keep=False))
     best = refined(_best_pieces(fills, shared[chosen]), chosen - 1, 0, keep=False)
     assert best.field is not None
-    return add_grain(best.guess[..., :3], levels[0].picture[..., :3], levels[0].hole, best.field)
-
-
-def _texture(picture: F32, hole: Mask) -> F32:
-    """(H, W, 1) how rough the surroundings of each pixel are: geometric means of slopes, in which edges count little.
-
-    Compared beside colours: the mean of leaves is as smooth as a wall.
-    """
-    grey, known = picture.mean(axis=2), (~dilate(hole, 1)).astype(np.float32)
-    slope = sum(np.abs(cv2.Sobel(grey, cv2.CV_32F, *along)) / 8 for along in ((1, 0), (0, 1)))
-    logs, near = (cv2.GaussianBlur(a, (0, 0), TUNING.around) for a in (np.log1p(slope) * known, known))
-    return np.asarray(TUNING.texture * np.expm1(logs / np.maximum(near, 1e-3))[..., None], np.float32)
+    return add_grain(best.guess, levels[0].picture, levels[0].hole, best.field)
 
 
 def _refined(fill: _Fill, search: _Search, k: int, keep: bool) -> _Fill:
@@ -151,7 +134,6 @@ def _refined(fill: _Fill, search: _Search, k: int, keep: bool) -> _Fill:
 def _best_pieces(fills: list[_Fill], search: _Search) -> _Fill:
     """Of each piece of the hole, the fill whose patches are most like known ones; see TUNING."""
     level = search.level
-    colours = level.picture[..., :3]
     pieces, inside = nearest_piece(level.hole), level.hole
     at, weight = pieces[search.at[:, 0], search.at[:, 1]], search.trust[search.at[:, 0], search.at[:, 1]]
     count = np.maximum(np.bincount(at, weight), 1e-9)
@@ -159,9 +141,9 @@ def _best_pieces(fills: list[_Fill], search: _Search) -> _Fill:
     unlike = []
     for fill in fills:
         cost = np.bincount(at, weight * np.sqrt(np.maximum(fill.cost, 0))) / count
-        off = np.abs(fill.guess[..., :3] - colours).mean(2) * level.drawn
+        off = np.abs(fill.guess - level.picture).mean(2) * level.drawn
         astray = np.bincount(pieces[inside], off[inside], len(count)) / area
-        seam = seams(fill.guess[..., :3], colours, level.hole, pieces)
+        seam = seams(fill.guess, level.picture, level.hole, pieces)
         unlike.append(cost + TUNING.astray * astray + TUNING.seam * seam)
     at_best = np.argmin(unlike, axis=0)[pieces], *np.indices(pieces.shape)
     guess, alike, field = (
@@ -171,11 +153,11 @@ def _best_pieces(fills: list[_Fill], search: _Search) -> _Fill:
 
 
 def level_fill(picture: F32, hole: Mask) -> F32:
-    """`picture` (H, W, C), rows of `hole` (H, W) interpolated between their ends: a floor's edge goes on level."""
+    """`picture` (H, W, 3), rows of `hole` (H, W) interpolated between their ends: a floor's edge goes on level."""
     filled = harmonic_fill(picture, hole)
     for y in np.flatnonzero(hole.any(1) & ~hole.all(1)):
         inside, known = np.flatnonzero(hole[y]), np.flatnonzero(~hole[y])
-        for c in range(picture.shape[2]):
+        for c in range(3):
             filled[y, inside, c] = np.interp(inside, known, picture[y, known, c])
     return np.where(hole[:, :, None], cv2.GaussianBlur(filled, (0, 0), 0.7), picture)
 
@@ -252,7 +234,7 @@ class _Search:
         whole = np.pad(np.maximum(np.round(7 * self.trust), 1), radius).astype(np.float32)
         self.mask = self._patches(whole)[self.at[:, 0], self.at[:, 1]]
         halved = _halved(level.picture, radius)
-        self.flat = halved.reshape(-1, halved.shape[2])
+        self.flat = halved.reshape(-1, 3)
         self.known = self._patches(halved)
         # nearest source of every pixel: a doubled place need not be one
         _, labels = cv2.distanceTransformWithLabels(
@@ -331,7 +313,7 @@ class _Search:
         wide = w + 2 * self.radius
         some = np.arange(0, 2 * self.radius + 1, 2)
         offsets = (some[:, None] * wide + some).ravel()
-        aim, part = target.reshape(len(target), -1, target.shape[-1]), mask.reshape(len(mask), -1)
+        aim, part = target.reshape(len(target), -1, 3), mask.reshape(len(mask), -1)
 
         def attempt(place: Places) -> None:
             place = np.stack([np.clip(place[:, 0], 0, h - 1), np.clip(place[:, 1], 0, w - 1)], 1)
@@ -376,11 +358,10 @@ class _Search:
         there = field[self.at[:, 0], self.at[:, 1]]
         wide = w + 2 * reach
         weighed, kept = (
-            np.concatenate([part, np.ones((h, w, 1), np.float32)], 2).reshape(h * w, -1)
-            for part in (values, now)
+            np.concatenate([part, np.ones((h, w, 1), np.float32)], 2).reshape(-1, 4) for part in (values, now)
         )
-        votes = np.zeros((h + 2 * reach, wide, weighed.shape[1]), np.float32)
-        flat, by = votes.reshape(-1, weighed.shape[1]), (weight * share)[:, None]
+        votes = np.zeros((h + 2 * reach, wide, 4), np.float32)
+        flat, by = votes.reshape(-1, 4), (weight * share)[:, None]
         unlike = np.flatnonzero(share < 1)
         own, rest = self.at[unlike, 0] * w + self.at[unlike, 1], (weight * (1 - share))[unlike, None]
         to, source = self.at[:, 0] * wide + self.at[:, 1], there[:, 0] * w + there[:, 1]
@@ -391,7 +372,7 @@ class _Search:
                 flat[place] += by * weighed.take(source + (down * w + right), axis=0)
                 flat[place[unlike]] += rest * kept.take(own + (down * w + right), axis=0, mode="clip")
         inside = (slice(reach, h + reach), slice(reach, w + reach))
-        total, count = votes[inside][:, :, :-1], votes[inside][:, :, -1:]
+        total, count = votes[inside][:, :, :3], votes[inside][:, :, 3:]
         mean = total / np.maximum(count, np.float32(1e-9))
         return np.where(self.level.hole[:, :, None] & (count > 0), mean, now)
 
