@@ -153,8 +153,6 @@ def test_of_a_pile_in_a_box_the_top_is_pushed(tmp_path: Path) -> None:
     [
         ("domino-0", "lacks a direction"),
         ("domino-0=sideways", "is no direction; write right, left"),
-        ("domino-0=rigth", r"is no direction; did you mean right\?"),
-        ("domino-0=upleft@2 m/s", r"is no direction; did you mean up-left\?"),
     ],
 )
 def test_a_push_without_a_direction(text: str, found: str, row: Path) -> None:
