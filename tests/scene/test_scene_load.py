@@ -173,7 +173,7 @@ def test_a_misspelt_path_is_corrected(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("line", "meant"),
     [
-        ("image: scen.png", None),  # scene.yaml is no photo
+        ("image: scene.png", None),  # scene.yaml is no photo
         ("image: ./photos/scen.png", "./photos/scene.png"),
         ("size: [9, 9]\nassets: map/", "maps"),
         ("size: [9, 9]\nassets: table", None),  # a file
