@@ -413,9 +413,8 @@ class _Run:
         scene, compiled, options = self.scene, self.film.compiled, self.options
         if not uncertain_values(scene, options.variant):
             fix = 'write the source and confidence of a number: from: {mass: "by eye 0.6"}; perceive does'
-            what = "so every draw would be the same and none is made"
-            found = "nothing in the scene is uncertain,"
-            self.warn(Problem(scene.place("objects"), "--fan", found, what, fix, Severity.WARNING))
+            what = "nothing in the scene is uncertain, so every draw would be the same and none is made"
+            self.warn(Problem(scene.place("objects"), "--fan", "", what, fix, Severity.WARNING))
             return None
         made = fan(scene, compiled, options.draws, options.draw_seed, options.variant, self.progress)
         return Draws(made, verdicts(made))

@@ -239,8 +239,7 @@ def motion_edits(
         edits |= {} if item.motion is Motion.DYNAMIC else {f"objects.{item.name}.motion": "dynamic"}
         edits |= moved
         if f"objects.{item.name}.place" in moved and any(item.velocity):
-            # it falls straight, unless it is pushed, too
-            edits.setdefault(f"objects.{item.name}.velocity", [0, 0])
+            edits.setdefault(f"objects.{item.name}.velocity", [0, 0])  # it falls straight, unless pushed
     if kicks:
         edits["forces"] = forces
     for name in perceived_pushes(scene) if edits else ():
