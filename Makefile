@@ -2,7 +2,7 @@
 # make test: install what tests need, lint, type-check, run the tests that are not slow
 # make test-slow: the slow tests alone
 # make docs: build the site of docs/ into out/site, with strict links
-# make train: draw and render pictures, train the networks that find and name objects and export them; 160 minutes on two cores; needs PHYSGEN_MATERIAL
+# make train: draw and render pictures, train the networks that find and name objects and export them; 175 minutes on two cores; needs PHYSGEN_MATERIAL
 # make studio: render the bundled photos and their truth again, from scratch, into out/studio, and compare; hours, and LLVM
 PYTHON ?= python3
 BIN = .venv/bin

@@ -217,7 +217,7 @@ def _set_in_motion(
     from physgen.pipeline.pushes import perceived_pushes, shown_by
 
     moving = {item.name: {"velocity": list(item.velocity)} for item in scene.objects if any(item.velocity)}
-    pushes = [] if still or scene.forces else list(perceived_pushes(scene))
+    pushes = [] if still or scene.forces or scene.joints else list(perceived_pushes(scene))
     with suppress(InputError):
         objects = perceived.document["objects"]
         same = [k for k, item in was.items() if item.get("prompt") == objects.get(k, item).get("prompt")]
@@ -225,7 +225,7 @@ def _set_in_motion(
         now = perceived.document["objects"]
         free = {k for k, item in was.items() if "motion" in item and "motion" not in now.get(k, item)}
         turned = scene.record.world.get("view") not in (None, scene.world.view.value)
-        tried = _tried(perceived, "velocity").scene()
+        tried = _tried(perceived, "velocity", "place", "layer").scene()
         able = [item for item in tried.objects if item.name in pushes and any(item.velocity)]
         moves = any(shown_by(tried, shapes_of(tried, None), item, item.velocity)[0] for item in able)
         stopped = pushes if turned or not moves else []

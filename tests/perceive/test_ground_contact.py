@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from physgen.geometry.polygon import Disc, Region, Ring
+from physgen.geometry.polygon import Disc, Region, Ring, mass_properties
 from physgen.maps import read_labels
 from physgen.perceive.backends.boundary_support import support
 from physgen.perceive.perceive import fit_objects
 from physgen.perceive.roles import PhotoObject
 from physgen.perceive.segment.prompts import from_masks
-from physgen.perceive.support.ground_contact import find_foot, is_carried, lower_hull
+from physgen.perceive.support.ground_contact import close_gaps_below, find_foot, is_carried, lower_hull
 from physgen.perceive.support.supports import SOURCE
 from physgen.photos import read_image
 from physgen.scene.load import load
@@ -255,6 +255,23 @@ def test_what_ends_just_above_a_book_stands_on_it(gap: int, stands: bool):
     assert any(name.startswith(("nest", "ledge")) for name in walls) != stands
     low = max(y for ring in desk.things[1].outline.rings for _, y in ring.outer)
     assert low == pytest.approx(179.5 if stands else 180.5 - gap, abs=0.7)
+
+
+def test_a_stool_above_a_book_keeps_what_lies_under_it():
+    """Its legs end a few px above the book, on which a ball lies between them: the ball stays, and so does the gap."""
+    desk = Desk()
+    desk.block(60, 220, 200, 40)
+    rows, columns = np.mgrid[:H, :W]
+    stool = (rows > 80) & (rows < 177) & (np.abs(columns - 160) < 45)
+    stool &= (rows < 95) | (np.abs(columns - 160) > 30)
+    desk.labels[stool] = 2
+    desk.labels[np.hypot(rows - 169, columns - 160) <= 11] = 3
+    desk.things = fit_objects(desk.rgb, from_masks(desk.labels))[0]
+    before = [t.outline for t in desk.things]
+    closed = close_gaps_below(desk.labels, desk.things)
+    assert closed.keys() == {2}
+    legs = 2 * 15 * 4  # px, what both lack
+    assert mass_properties(closed[2]).area - mass_properties(before[1]).area == pytest.approx(legs, rel=0.3)
 
 
 def test_bars_behind_objects_are_no_shelf():

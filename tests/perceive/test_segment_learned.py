@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
@@ -153,18 +154,39 @@ def test_a_gap_between_objects_shows_the_colours_around_them() -> None:
     assert continued(rgb, found, np.zeros(0, np.intp)).shape == (0,)
 
 
-@pytest.mark.parametrize(("wide", "long", "whole"), [(8, 100, True), (30, 100, False), (8, 12, False)])
-def test_the_head_of_a_spoon_is_no_ball(wide: int, long: int, whole: bool) -> None:
-    """Something narrow and long goes on below it; a jar's body and a nub below it are neither."""
+@pytest.mark.parametrize(
+    ("wide", "long", "head_colour", "whole"),
+    [
+        (8, 100, (150, 95, 55), True),
+        (30, 100, (150, 95, 55), False),
+        (8, 12, (150, 95, 55), False),
+        (8, 100, (250, 240, 60), False),
+    ],
+)
+def test_the_head_of_a_spoon_is_no_ball(
+    wide: int, long: int, head_colour: tuple[int, ...], whole: bool
+) -> None:
+    """Something narrow and long goes on below it; a jar's body, a nub, or the pole behind a ball are none."""
     y, x = np.mgrid[:240, :200]
     head = (x - 100) ** 2 + (y - 60) ** 2 <= 24**2
     spoon = head | ((y > 60) & (y < 84 + long) & (abs(x - 100 - (y - 60) / 20) <= wide / 2))
     rgb = np.full((240, 200, 3), (205, 205, 200), np.uint8)
     rgb[200:] = (150, 140, 130)
     rgb[spoon] = (150, 95, 55)
+    rgb[head] = head_colour
     rgb = cv2.GaussianBlur(rgb, (0, 0), 0.8)
     found = with_handles(rgb, Segments(head.astype(np.uint16), np.array([0.9]))).labels > 0
     if whole:
         assert (found & spoon).sum() > 0.9 * (found | spoon).sum()
     else:
         assert np.array_equal(found, head)
+
+
+@pytest.mark.parametrize("box", [(0, 2, 40, 60), (0, 30, 0, 10), (0, 30, 90, 100), (100, 120, 90, 100)])
+def test_objects_at_the_photos_border_have_no_handle(box: tuple[int, int, int, int]) -> None:
+    labels = np.zeros((120, 100), np.uint16)
+    labels[box[0] : box[1], box[2] : box[3]] = 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = with_handles(np.full((120, 100, 3), 200, np.uint8), Segments(labels, np.array([0.9])))
+    assert np.array_equal(found.labels, labels)

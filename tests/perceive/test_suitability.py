@@ -98,8 +98,10 @@ def test_nothing_beneath_and_an_unclear_view():
 ])  # fmt: skip
 def test_ledges_that_nobody_sees_are_no_support(name: str, source: str, held: bool):
     one = Found()
-    wall = replace(GOOD.walls[0], name=name, source=source)
-    assert one.doubts(replace(GOOD, walls=(wall, wall))) == (
+    pieces = (((20, 140), (80, 140)), ((45, 140), (150, 140)))  # under two of three balls, under one twice
+    walls = tuple(replace(GOOD.walls[0], name=name, source=source, points=part) for part in pieces)
+    assert one.doubts(replace(GOOD, walls=walls[:1])) == "good"
+    assert one.doubts(replace(GOOD, walls=walls)) == (
         "good" if held else "doubtful: no support is seen beneath 2 of 3 objects"
     )
 

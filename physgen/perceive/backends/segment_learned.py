@@ -145,24 +145,31 @@ def with_handles(rgb: NDArray[np.uint8], objects: Segments) -> Segments:
         long = max(10, round(LEARNED.handle[1] * (low - top)))
         if low + long <= len(own):
             x, part = int(np.median(np.nonzero(own[low - 1])[0])), own.copy()
-            part[low:] = _handle(np.asarray(lab[low:]), labels[low:] == 0, x, right - left, long)
+            head = np.median(lab[max(low - 4, 0) : low, max(x - 1, 0) : x + 2], axis=(0, 1))
+            part[low:] = _handle(np.asarray(lab[low:]), head, labels[low:] == 0, x, right - left, long)
             whole = mask_in_box(rgb, box_of(part)).mask if part[low:].any() else own
             if np.count_nonzero(whole & part) > LEARNED.same * np.count_nonzero(whole | part):
                 labels[own & ~whole], labels[whole & (labels == 0)] = 0, k
     return replace(objects, labels=labels)
 
 
-def _handle(lab: NDArray[np.float32], free: Mask, x: int, width: int, long: int) -> Mask:
+def _handle(
+    lab: NDArray[np.float32], head: NDArray[np.float32], free: Mask, x: int, width: int, long: int
+) -> Mask:
     """(h, w): what goes on from column x of the first row, nearer in colour to that place than to either side of it;
-    empty unless it is `long` px and narrow for something `width` px wide."""
+    empty unless that is nearer to the `head` above, too, it is `long` px, and narrow for something `width` px wide."""
     away, like, none = np.arange(free.shape[1]) - x, free.copy(), np.zeros_like(free)
-    off = np.linalg.norm(lab - np.median(lab[1:4, max(x - 1, 0) : x + 2], axis=(0, 1)), axis=2)
+    neck = np.median(lab[1:4, max(x - 1, 0) : x + 2], axis=(0, 1))
+    off = np.linalg.norm(lab - neck, axis=2)
     for side in (-away, away):
         beside = (side > width / 4) & (side < width)
         known = lab[:long, beside][free[:long, beside]]
         if 2 * len(known) <= long * np.count_nonzero(beside):
             return none
-        like &= off < np.linalg.norm(lab - np.median(known, axis=0), axis=2)
+        side_colour = np.median(known, axis=0)
+        if np.linalg.norm(neck - head) > np.linalg.norm(neck - side_colour):
+            return none
+        like &= off < np.linalg.norm(lab - side_colour, axis=2)
     like[:2, x] = free[:2, x]
     pieces = cv2.connectedComponents(like.astype(np.uint8), connectivity=4)[1]
     part = like & (pieces == pieces[0, x])

@@ -193,18 +193,26 @@ def is_carried(item: PhotoObject, labels: Labels, objects: Sequence[PhotoObject]
 
 
 def close_gaps_below(labels: Labels, objects: Sequence[PhotoObject]) -> dict[int, Outline]:
-    """Outlines, by id, where a mask ends just above what carries it: it gets a foot there."""
-    closed, ids = labels.copy(), [item.id for item in objects]
+    """Outlines, by id, of what ends just above its carrier and is no disc: it gets a foot there."""
+    closed, feet = labels.copy(), set[int]()
     for item in objects:
-        if not item.cut and is_carried(item, labels, objects):
-            rows, columns = np.nonzero(labels == item.id)
-            low, height = rows.max() + 1, np.ptp(rows) + 1
-            aside = np.abs(columns - np.median(columns[rows == rows.max()]))
-            foot = np.unique(columns[aside <= np.ptp(columns) / 4])
-            gap = ((labels[low:, foot] > 0).mean(axis=1) >= 0.5).argmax()
-            for x in foot if FIT.touch <= gap <= max(3, 0.06 * height) else ():
-                closed[rows[columns == x].max() + 1 : low + gap, x] = item.id
-    return fit_outlines(closed, ids) if (closed != labels).any() else {}
+        if item.cut or isinstance(item.outline, Disc) or not is_carried(item, labels, objects):
+            continue
+        own = labels == item.id
+        columns = np.flatnonzero(own.any(axis=0))
+        ends = len(own) - own[::-1, columns].argmax(axis=0)
+        low, height = int(ends.max()), np.count_nonzero(own.any(axis=1))
+        foot = ends > low - height / 8
+        below = labels[low : low + max(3, int(0.06 * height)) + 1, columns[foot]] > 0
+        gap = int((below.mean(axis=1) >= 0.5).argmax())
+        if gap >= FIT.touch:
+            feet.add(item.id)
+            for x, end in zip(columns[foot], ends[foot], strict=True):
+                part = closed[end : low + gap, x]
+                part[part == 0] = item.id
+    if not feet:
+        return {}
+    return {i: outline for i, outline in fit_outlines(closed, [t.id for t in objects]).items() if i in feet}
 
 
 def group_feet(feet: Sequence[Foot], tolerance: float) -> list[tuple[Line, list[Foot]]]:

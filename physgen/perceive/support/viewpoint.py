@@ -18,6 +18,7 @@ from physgen.maps import F32
 from physgen.perceive.roles import BoundaryGuess, Detections, Labels, Mask, PhotoObject, Rgb, Suitability
 from physgen.perceive.segment.network import run_network
 from physgen.perceive.segment.prompts import RULE
+from physgen.perceive.support.equilibrium import contacts
 from physgen.perceive.support.supports import SOURCE
 from physgen.scene.scene import View
 from physgen.text import counted
@@ -160,10 +161,11 @@ def judge_suitability(
     if (largest := max(area.values(), default=0.0)) > DOUBTS.filling:
         reasons.append(f"one object fills {100 * largest:.0f} % of it")
     loose = [t for t in objects if not t.cut]
-    guessed = (w.source == SOURCE and w.name.startswith(("nest", "ledge")) for w in boundaries.walls)
-    unheld = len(boundaries.held) + sum(guessed)
-    if unheld > DOUBTS.unheld * max(len(loose), 1):
-        reasons.append(f"no support is seen beneath {unheld} of {counted(len(objects), 'object')}")
+    unseen = [w for w in boundaries.walls if w.source == SOURCE and w.name.startswith(("nest", "ledge"))]
+    on = contacts([t.outline for t in loose], [np.array(w.points) for w in unseen])
+    beneath = boundaries.held | {loose[c.body].id for c in on if c.other < 0}
+    if (unheld := sum(t.id in beneath for t in loose)) > DOUBTS.unheld * len(loose):
+        reasons.append(f"no support is seen beneath {unheld} of {counted(len(loose), 'object')}")
     if view < DOUBTS.view:
         reasons.append("it is hard to tell whether it is seen from the side or from above")
     return Suitability(tuple(reasons))
