@@ -12,7 +12,7 @@ import structure
 
 from physgen.files import install
 
-LIMITS = {"lines": 47_900, "modules": 207, "constants": 346}
+LIMITS = {"lines": 47_883, "modules": 207, "constants": 346}
 """Of physgen/. They only go down; the design asks for 48,000 lines, 240 modules and 700 constants."""
 IDIOM = 60
 """Words that design and documents avoid, in physgen/, templates/, docs/ and README.md."""

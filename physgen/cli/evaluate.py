@@ -16,7 +16,7 @@ from physgen.files import install
 from physgen.problems import InputError, collect
 
 if TYPE_CHECKING:
-    from physgen.evaluate.fid import Features
+    from physgen.evaluate.backends.inception import Inception
     from physgen.evaluate.measure import Findings
 
 MAILED = 50.0  # MB of a page that most mailboxes take
@@ -124,7 +124,7 @@ def run_fid(options: argparse.Namespace) -> int:
     return hand_over(findings(measured, options.skip), options)
 
 
-def _features(file: Path) -> Features:
+def _features(file: Path) -> Inception:
     """Those of Inception's file. Raises InputError."""
     try:
         from physgen.evaluate.backends.inception import Inception

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -131,20 +130,13 @@ def _refuse_beside_refresh(options: argparse.Namespace) -> None:
     """The scene determines its photo and its masks. Raises InputError."""
     if not options.refresh and not options.image:
         raise InputError.of("perceive", "", "was given no photo", "name one, or a scene: --refresh SCENE")
-    beside = {
-        "IMAGE": options.image[0] if options.image else None,
-        "--masks": options.masks,
-        "--side": options.side,
-    }
-    found = [(flag, value) for flag, value in beside.items() if options.refresh and value is not None]
+    beside = {"IMAGE": (options.image or [None])[0], "--masks": options.masks, "--side": options.side}
     place, wrong = Place("perceive"), "cannot be used with --refresh"
     problems = [
-        Problem(place, "", f'"{value}"', wrong, f"leave {flag} or --refresh out") for flag, value in found
+        Problem(place, "", f'"{value}"', wrong, f"leave {flag} or --refresh out")
+        for flag, value in beside.items()
+        if options.refresh and value is not None
     ]
-    if options.refresh and options.refresh.exists() and os.path.samestat(os.fstat(1), options.refresh.stat()):
-        expected = "is where the output goes, too: > empties it before it is read"
-        fix = "leave the > out: --refresh writes into the scene itself"
-        problems.append(Problem(place, "", str(options.refresh), expected, fix))
     if options.refresh and not options.output and options.refresh.suffix not in (".yaml", ".yml"):
         fix = "name the new scene file, which gets its maps beside it: -o NEW.yaml"
         problems.append(Problem(place, "", "--refresh", "needs -o", fix))

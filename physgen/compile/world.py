@@ -88,10 +88,8 @@ class Body:
         pairs.sort(key=lambda pair: -pair[0])
         corners = np.concatenate([piece for _, piece in pairs])
         owner = np.repeat(np.arange(len(pairs)), [len(piece) for _, piece in pairs])
-        points, shapes = (
-            shapely.points(corners),
-            shapely.polygons(shapely.linearrings(corners, indices=owner)),
-        )
+        points = shapely.points(corners)
+        shapes = shapely.polygons(shapely.linearrings(corners, indices=owner))
         away = np.where(
             owner[:, None] > np.arange(len(pairs)), shapely.distance(points[:, None], shapes), np.inf
         )

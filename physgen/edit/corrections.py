@@ -102,7 +102,9 @@ def correct(
         new = edited(work.text, work.ops).text
         ours = work.scene.record.comments
         new = without_comments(new, [op["set"] for op in work.ops if "set" in op], ours)
-        live.state(new)
+        bodies = live.state(new).compiled.world.bodies
+        if work.gone is not None:
+            what += "".join(f"; it weighs {one.mass:.4g} g now" for one in bodies if one.name in work.masks)
     except BaseException as error:
         if out is not None:
             shutil.rmtree(out, ignore_errors=True)

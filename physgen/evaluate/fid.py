@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -23,6 +23,9 @@ from physgen.export.flow import coloured
 from physgen.problems import InputError, Place, Problem, Severity
 from physgen.text import counted
 from physgen.videos import U8
+
+if TYPE_CHECKING:
+    from physgen.evaluate.backends.inception import Inception
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -44,20 +47,6 @@ class Constants:
 
 
 CONSTANTS = Constants()
-
-
-class Features(Protocol):
-    """Pictures -> numbers, as of `backends.inception.Inception`."""
-
-    name: str
-
-    def __call__(self, pictures: U8) -> F64:
-        """(N, H, W, 3) sRGB -> (N, D), all finite."""
-        ...
-
-    def note(self) -> Mapping[str, Any]:
-        """For the record: what it was, exactly."""
-        ...
 
 
 # ---- distances ---------------------------------------------------------------------------------------------------
@@ -212,7 +201,7 @@ class Measured:
     methods: Mapping[str, Side]
     found: Mapping[str, Mapping[str, Distance]]  # by kind and method
     full: float  # px that are full colour
-    features: Features
+    features: Inception
     wide: int  # number of features of a picture
     settings: Settings
     warnings: tuple[Problem, ...]
@@ -235,7 +224,7 @@ def pictured(moved: F32, full: float) -> U8:
 def measure(
     reference: Sequence[Source],
     methods: Mapping[str, Sequence[Source]],
-    features: Features,
+    features: Inception,
     settings: Settings,
     progress: Progress = lambda stage, done, total: None,
 ) -> Measured:
@@ -305,7 +294,7 @@ def _too_few(name: str, lengths: Sequence[int]) -> list[Problem]:
     return [Problem(place, "", found, expected, "name more clips, of two frames or more")]
 
 
-def _add_clip(side: Side, clip: Source, features: Features, settings: Settings, full: float) -> None:
+def _add_clip(side: Side, clip: Source, features: Inception, settings: Settings, full: float) -> None:
     frames = settings.rule.frames(clip)
     side.lengths.append(len(frames))
     moving = [pictured(moved, full) for moved in flows(frames)]

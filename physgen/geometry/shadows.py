@@ -220,10 +220,8 @@ def shadow_on_floor(what: Silhouette, setting: ShadowSetting) -> tuple[PixelBox,
     ax, az, rise = _slopes(setting)
     x0, w = what.corner[0], what.coverage.shape[1]
     near = 0.45 * min(max(at.high - at.low, w), 4 * what.thick) + at.low
-    wide, deep = (
-        2 * penumbra_width(setting, at.high, rise, ax),
-        2 * penumbra_width(setting, at.high, rise, az),
-    )
+    wide = 2 * penumbra_width(setting, at.high, rise, ax)
+    deep = 2 * penumbra_width(setting, at.high, rise, az)
     box = clipped_box(
         (
             x0 + min(ax * at.high - wide, -near),

@@ -186,10 +186,8 @@ def _document(sim: Sim, objects: list[PhotoObject], image: str, assets: str) -> 
     order = list(names)
     entries, forces = {}, []
     for one in sorted(objects, key=lambda one: order.index(one.id)):
-        body, entry = (
-            sim.bodies[one.id],
-            {"label": one.label, "mask": one.id, "shape": shape_entry(one.outline)},
-        )
+        body = sim.bodies[one.id]
+        entry = {"label": one.label, "mask": one.id, "shape": shape_entry(one.outline)}
         if isinstance(one.outline, Disc):
             entry |= {"solid": "disc", "mass": body.mass}
         else:

@@ -158,10 +158,8 @@ def perceive(
         unknown = (document.unknown_label(t.label) for t in objects if t.id in names.renamed)
         warnings = tuple(dict.fromkeys(problem for problem in unknown if problem))
         if moved := [f"{names.before[i]} is {name}" for i, name in called.items() if names.before[i] != name]:
-            what, fix = (
-                "in the scene, since names follow labels",
-                "use the new names; physgen rename gives others",
-            )
+            what = "in the scene, since names follow labels"
+            fix = "use the new names; physgen rename gives others"
             warnings += (Problem(Place("--label"), "", listed(moved, "and"), what, fix, Severity.WARNING),)
         suits = judge_suitability(rgb, found, objects, boundaries)
         clean = cleaning.result() if cleaning else shadows.clean

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -115,9 +114,9 @@ class Labels:
 
     def check_kept(self, final: Path) -> None:
         """Raises InputError where the folder holds files of an earlier run that this one would remove."""
-        from physgen.report.folders import lost_files
+        from physgen.report.folders import lost_files, read_manifest
 
-        if lost := lost_files(final, {"trajectory.npz", *(kind.name for kind in self.kinds)}):
+        if lost := lost_files(read_manifest(final), {"trajectory.npz", *(kind.name for kind in self.kinds)}):
             expected = f"holds {lost} of an earlier run, which would go"
             fix = "name all formats at once, or choose another folder with -o"
             raise InputError.of(str(final), "", expected, fix)
@@ -239,7 +238,7 @@ class _Run:
         from physgen.report.folders import output_folder
         from physgen.report.record import RunRecord, inputs, source_of
 
-        self.options, self.progress, self._warn, self._path = options, progress, warn, path
+        self.options, self.progress, self._warn = options, progress, warn
         variant = options.variant
         alone = command_alone(path, options)
         record = RunRecord(scene="", command=list(options.command) or alone, alone=alone)
@@ -276,7 +275,7 @@ class _Run:
 
     def made(self, refiners: Refiners) -> Path:
         """The folder, complete. Raises InputError."""
-        from physgen.report.folders import atomic_folder, lost_files
+        from physgen.report.folders import atomic_folder, lost_files, read_manifest
 
         record, film = self.record, self.film
         faults: Sequence[Problem] = ()
@@ -308,16 +307,15 @@ class _Run:
             if not self.inputs_unchanged():
                 record.mark = ""  # the next run makes it again: which of the two was drawn is unknown
             write_manifest(record, folder)
-            lost = lost_files(self.final, {*record.files, "report.html"})
-            other = os.path.normpath(self.final / _manifest(self.final).get("source", record.source))
-        fix = "name all formats at once, or another folder with -o, to have both"
-        if os.path.isfile(other) and not os.path.samefile(other, self._path):
-            lost, fix = (
-                f"the clip of {other}",
-                "rename a scene, or choose another folder with -o, to have both",
-            )
-        if lost:
-            gone = f"had {lost} of an earlier run, which this one replaced"
+            earlier = read_manifest(self.final)
+        source, change, gone = earlier.get("source"), "", ""
+        other = os.path.normpath(self.final / str(source))
+        if source != record.source and os.path.isfile(other):
+            change, gone = "rename a scene", f"the clip of {other} that was there is replaced"
+        elif lost := lost_files(earlier, {*record.files, "report.html"}):
+            change, gone = "name all formats at once", f"{lost} of an earlier run went"
+        if gone:
+            fix = f"{change}, or choose another folder with -o, to have both"
             self._warn(Problem(Place(str(self.final)), "", "", gone, fix, Severity.WARNING))
         if faults:
             raise InputError([*faults, _kept(self.final, "has the clip without refinement")])
@@ -374,10 +372,8 @@ class _Run:
             if pushed:
                 speed = float(np.hypot(*pushed[0].velocity))
                 slow = speed * world.duration < least
-                why_not = (
-                    f"of {speed:.3g} px/s, and hardly moves at that" if slow else f"and is stuck: {look}"
-                )
-                fix = f"{pushed[0].name} has a velocity {why_not}"
+                why = f"of {speed:.3g} px/s, and hardly moves at that" if slow else f"and is stuck: {look}"
+                fix = f"{pushed[0].name} has a velocity {why}"
             elif push := default_push(scene, shapes_of(scene, self._mask_ids), {}):
                 fix = f"try --push {push.name}={push.way}, or write a velocity or a force"
             why = "nothing moves in this clip" + ": the scene has no objects" * (not world.bodies)
@@ -397,10 +393,8 @@ class _Run:
             if second >= 0:
                 what, fix = f"impacts of {names[first]} and {names[second]}", "bring their masses closer"
             else:
-                what, fix = (
-                    f"steps of {names[first]}",
-                    "look for a corner that reaches far out, or slow it down",
-                )
+                what = f"steps of {names[first]}"
+                fix = "look for a corner that reaches far out, or slow it down"
             found = "took more work than a run may do: later ones are less exact"
             self.warn(Problem(scene.place("objects"), "", what, found, fix, Severity.WARNING))
         if not options.draws:
@@ -419,11 +413,8 @@ class _Run:
         scene, compiled, options = self.scene, self.film.compiled, self.options
         if not uncertain_values(scene, options.variant):
             fix = 'write the source and confidence of a number: from: {mass: "by eye 0.6"}; perceive does'
-            what, found = (
-                "so every draw would be the same and none is made",
-                "nothing in the scene is uncertain,",
-            )
-            self.warn(Problem(scene.place("objects"), "--fan", found, what, fix, Severity.WARNING))
+            what = "nothing in the scene is uncertain, so every draw would be the same and none is made"
+            self.warn(Problem(scene.place("objects"), "--fan", "", what, fix, Severity.WARNING))
             return None
         made = fan(scene, compiled, options.draws, options.draw_seed, options.variant, self.progress)
         return Draws(made, verdicts(made))
@@ -448,12 +439,13 @@ class _Run:
     ) -> tuple[Sequence[Problem], Comparison | None]:
         """Write the clip unrefined and refined, and the labels; returns why it failed, and the changes."""
         from physgen.pipeline.writing import VideoFiles
+        from physgen.report.folders import read_manifest
 
         film, record = self.film, self.record
         files = VideoFiles(self.scene, folder, self.options.formats, record, self.progress)
         outcome = refine_footage(film, footage, refiners, files)
         self.labels.of_frames(film, footage.trajectory, self._truth(folder), record, self.progress)
-        earlier = _manifest(self.final)
+        earlier = read_manifest(self.final)
         if outcome.faults and earlier.get("refine") and earlier.get("frames"):  # hours of work may be in it
             raise InputError([*outcome.faults, _kept(self.final, "keeps the clip that was refined before")])
         return outcome.faults, outcome.changed
@@ -525,15 +517,6 @@ class Draws:
         from physgen.report.uncertainty import uncertainty_section
 
         return uncertainty_section(self.ensemble, self.verdicts, world, first)
-
-
-def _manifest(folder: Path) -> dict[str, Any]:
-    """What an earlier run recorded there; empty where nothing can be read."""
-    try:
-        found = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return found if isinstance(found, dict) else {}
 
 
 def _kept(folder: Path, what: str) -> Problem:

@@ -238,10 +238,8 @@ def motion_edits(
         forces += moved.pop("forces", [])
         edits |= {} if item.motion is Motion.DYNAMIC else {f"objects.{item.name}.motion": "dynamic"}
         edits |= moved
-        if f"objects.{item.name}.place" in moved and any(
-            item.velocity
-        ):  # it falls straight, unless it is pushed, too
-            edits.setdefault(f"objects.{item.name}.velocity", [0, 0])
+        if f"objects.{item.name}.place" in moved and any(item.velocity):
+            edits.setdefault(f"objects.{item.name}.velocity", [0, 0])  # it falls straight, unless pushed
     if kicks:
         edits["forces"] = forces
     for name in perceived_pushes(scene) if edits else ():
@@ -331,9 +329,7 @@ def _direction(flag: str, text: str) -> tuple[float, float]:
     try:
         angle = radians(finite(text))
     except ValueError:
-        close = nearest(text, [*WORDS, *(f"{y}-{x}" for y in ("up", "down") for x in ("right", "left"))])
         fix = "write right, left, up, down, up-right ... or degrees, 0 to the right and 90 down"
-        fix = f"did you mean {close}?" if close else fix
         raise InputError.of(flag, f'"{text}"', "is no direction", fix) from None
     return cos(angle), sin(angle)
 

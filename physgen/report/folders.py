@@ -7,9 +7,10 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from physgen.files import machine_id, partial
 from physgen.problems import InputError
@@ -125,14 +126,20 @@ def output_folder(out: Path, name: str) -> Path:
     return final
 
 
-def lost_files(folder: Path, again: Iterable[str]) -> str:
-    """What an earlier run left in a folder and a new one, which writes `again`, does not; "" for nothing."""
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """What an earlier run recorded there; empty where that is damaged."""
     try:
-        manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
-        known = manifest["files"] if manifest["manifest"] == 1 else []
-        kept, there = ({str(name).partition("/")[0] for name in names} for names in (again, known))
+        found = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+        return found if found["manifest"] == 1 and {*found["files"]} else {}
     except (OSError, ValueError, KeyError, TypeError):
-        return ""
+        return {}
+
+
+def lost_files(manifest: Mapping[str, Any], again: Iterable[str]) -> str:
+    """What an earlier run left and a new one, which writes `again`, does not; "" for nothing."""
+    kept, there = (
+        {str(name).partition("/")[0] for name in names} for names in (again, manifest.get("files", ()))
+    )
     return listed(sorted(there - kept), "and")
 
 
@@ -146,15 +153,10 @@ def _strangers(folder: Path) -> list[str] | None:
     """Files of an earlier run's folder that the run did not write; None for a folder that no run made."""
     if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
         return []
-    try:
-        manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
-        own = {"manifest.json", TIMING, *manifest["files"]} if manifest["manifest"] == 1 else None
-    except OSError:
+    if not (folder / "manifest.json").is_file():
         return None
-    except (ValueError, KeyError, TypeError):  # ours, and damaged: a machine that lost its power left it so
-        own = None
-    if own is None:
-        names = [p.relative_to(folder).as_posix() for p in sorted(folder.rglob("*")) if not p.is_dir()]
-        return None if any(OURS.fullmatch(name) is None for name in names) else []
-    files = (p.relative_to(folder).as_posix() for p in sorted(folder.rglob("*")) if not p.is_dir())
-    return [name for name in files if name not in own]
+    names = [p.relative_to(folder).as_posix() for p in sorted(folder.rglob("*")) if not p.is_dir()]
+    if manifest := read_manifest(folder):
+        return [name for name in names if name not in {"manifest.json", TIMING, *manifest["files"]}]
+    # ours, and damaged: a machine that lost its power left it so
+    return None if any(OURS.fullmatch(name) is None for name in names) else []

@@ -175,11 +175,13 @@ def read(text: str, source: Source, counted: bool = True) -> Node:
         raise InputError(reader.problems)
     if not counted:
         return root if root is not None else Node(None, source)
+    start = "start with `physgen: 1` and `image: photo.png`"
     if root is None or root.value is None:
-        raise _stop(Place(source.name), "empty", "start with `physgen: 1` and `image: photo.png`")
+        fix = f"{start}; if > emptied it: --refresh writes into the scene without >"
+        raise InputError.of(source.name, "", "empty", fix)
     if not isinstance(root.value, dict):
         found = "a list" if isinstance(root.value, list) else "one value"
-        raise _stop(root.place, f"{found}, not a mapping", "start with `physgen: 1` and `image: photo.png`")
+        raise _stop(root.place, f"{found}, not a mapping", start)
     return root
 
 

@@ -10,8 +10,10 @@ from __future__ import annotations
 import json
 import os
 import stat
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
+from difflib import get_close_matches
+from glob import glob
 from math import inf, isclose, isfinite
 from pathlib import Path
 from typing import Any
@@ -20,7 +22,7 @@ from physgen.files import SCENE_FORMATS, Stamp, file_stamp
 from physgen.problems import InputError, Limit, Problem, RefusedError
 from physgen.scene.document import Node, Source, decode, read
 from physgen.scene.overlay import merge
-from physgen.text import nearest, quoted, shown
+from physgen.text import quoted, shown
 
 SUFFIXES = (".yaml", ".yml")
 MAPS = ("masks", "coverage", "background", "clean", "shadows", "depth", "normals", "albedo", "shading")
@@ -141,8 +143,8 @@ def _base(
     try:
         mode = os.stat(path).st_mode
     except (OSError, ValueError):
-        fix = similar(path, "write the path of a scene file, relative to this one")
-        raise refused("does not exist", fix) from None
+        fix = "write the path of a scene file, relative to this one"
+        raise refused("does not exist", similar(link.value, path, SUFFIXES, fix, seen)) from None
     if not stat.S_ISREG(mode):
         raise refused("is not a file", "write the path of a scene file, relative to this one")
     files[path] = file_stamp(path)  # before it is read: a save in between is noticed
@@ -158,24 +160,25 @@ def beside(name: str, written: str) -> str:
     return os.path.normpath(os.path.join(os.path.dirname(name), written))
 
 
-def similar(path: Path, fix: str) -> str:
-    """The fix where nothing has a path: what lies there under a similar name, else `fix`."""
-    try:
-        close = nearest(path.name, os.listdir(path.parent))
-    except OSError:
-        close = None
-    return f"did you mean {quoted(close)}?" if close and close != path.name else fix
+def similar(written: str, path: Path, ends: tuple[str, ...], fix: str, besides: Collection[str] = ()) -> str:
+    """The fix where nothing has a `path`: a similar name there with one of the `ends`, / of a folder, else `fix`."""
+    folder, above = path.parent, os.path.dirname(written.rstrip("/"))
+    names = sorted((*glob("*", root_dir=folder), *glob("*/", root_dir=folder)))
+    names = [n for n in names if n.lower().endswith(ends) and os.path.realpath(folder / n) not in besides]
+    close = get_close_matches(path.name, names, 1)
+    return f"did you mean {quoted(os.path.join(above, close[0].rstrip('/')))}?" if close else fix
 
 
-def image_size(path: Path) -> tuple[int, int]:
-    """Width and height from an image's header; no pixel is decoded.
+def image_size(path: Path, written: str) -> tuple[int, int]:
+    """Width and height from the header of an image, `written` in a scene; no pixel is decoded.
 
     Raises RefusedError.
     """
     from physgen.photos import open_picture, orientation
 
     if not (path.is_file() or path.is_dir()):
-        fix = similar(path, "write the path of an image, relative to this file")
+        fix = "write the path of an image, relative to this file"
+        fix = similar(written, path, (".png", ".jpg", ".jpeg", ".webp"), fix)
         raise RefusedError("does not exist", fix)
     try:
         with open_picture(path, SCENE_FORMATS) as image:

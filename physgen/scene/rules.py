@@ -63,12 +63,12 @@ class Files:
         self._sizes: dict[str, tuple[Stamp, tuple[int, int] | RefusedError]] = {}
         self._outlines: dict[str, tuple[Stamp, Node]] = {}
 
-    def size(self, path: Path) -> tuple[int, int]:
-        """Width and height of an image, from its header; raises RefusedError."""
+    def size(self, path: Path, written: str) -> tuple[int, int]:
+        """Width and height of an image, `written` in a scene, from its header; raises RefusedError."""
         key, stamp = str(path), file_stamp(path)
         if key not in self._sizes or self._sizes[key][0] != stamp:
             try:
-                self._sizes[key] = stamp, image_size(path)
+                self._sizes[key] = stamp, image_size(path, written)
             except RefusedError as error:
                 self._sizes[key] = stamp, error
         found = self._sizes[key][1]
@@ -137,7 +137,7 @@ class _Rules:
             folder = image.source.folder
             try:
                 path = confined(str(image.value), folder, folder, self.files.allow_outside)
-                self.ground.size = self.files.size(path)
+                self.ground.size = self.files.size(path, str(image.value))
                 self.ground.image = path
             except RefusedError as error:
                 self.add(image.place, "image", shown(image.value), error.expected, error.fix)
@@ -158,7 +158,10 @@ class _Rules:
         try:
             folder = confined(str(node.value), home, home, self.files.allow_outside)
             if not folder.is_dir():
-                raise RefusedError("is not a folder", similar(folder, "write the folder of masks.png"))
+                raise RefusedError(
+                    "is not a folder",
+                    similar(str(node.value), folder, ("/",), "write the folder of masks.png"),
+                )
         except RefusedError as error:
             self.add(node.place, "assets", found, error.expected, error.fix)
             return
@@ -202,7 +205,7 @@ class _Rules:
         self.ground.record = written(path)
 
     def map_file(self, path: Path) -> None:
-        size, canvas = self.files.size(path), self.ground.size
+        size, canvas = self.files.size(path, path.name), self.ground.size
         if canvas and size != canvas:
             expected = f"is {size[0]} x {size[1]}, the canvas {canvas[0]} x {canvas[1]}"
             raise RefusedError(expected, "make them the same size")

@@ -61,7 +61,7 @@ def test_what_an_earlier_run_wrote_goes_with_a_warning(lesson: Path, tmp_path: P
     assert main([*command, "--format", "gif"]) == 0
     folder = tmp_path / "lesson"
     assert not (folder / "video.mp4").exists()
-    warning = f"{folder}: warning: had video.mp4 of an earlier run, which this one replaced; name all formats at once"
+    warning = f"{folder}: warning: video.mp4 of an earlier run went; name all formats at once"
     assert warning in capsys.readouterr().err
     assert main([*command, "--format", "gif,mp4"]) == 0
     assert main([*command, "--format", "gif,mp4", "--no-cache"]) == 0
@@ -99,15 +99,28 @@ def test_two_scenes_of_one_name_are_refused(lesson: Path, tmp_path: Path, capsys
     for scene in (lesson, lesson, twin):  # one after the other
         assert main(["render", str(scene), "-o", str(tmp_path / "out"), "--preview", "--no-cache"]) == 0
         told.append(capsys.readouterr().err)
-    assert [f"had the clip of {lesson} of an earlier run" in text for text in told] == [False, False, True]
+    assert [f"the clip of {lesson} that was there is replaced" in text for text in told] == [False, False, True]
 
 
-def test_a_refresh_into_its_own_scene_by_the_shell_is_refused(lesson: Path) -> None:
-    command = [sys.executable, "-m", "physgen", "perceive", "--refresh", str(lesson)]
-    with lesson.open("a") as file:
-        ended = subprocess.run(command, stdout=file, stderr=subprocess.PIPE, text=True, check=False)
-    assert ended.returncode == 2
-    assert "is where the output goes, too: > empties it" in ended.stderr
+@pytest.mark.parametrize("damage", [{"source": None}, {"source": 5}, {"files": 5}])
+def test_a_strange_manifest_of_an_earlier_run_loses_no_clip(
+    damage: dict, lesson: Path, tmp_path: Path, capsys
+) -> None:
+    command = ["render", str(lesson), "-o", str(tmp_path), "--preview", "--no-cache"]
+    assert main(command) == 0
+    path = tmp_path / "lesson" / "manifest.json"
+    earlier = json.loads(path.read_text())
+    path.write_text(json.dumps(earlier | damage))
+    assert main(command) == 0
+    assert json.loads(path.read_text())["source"] == earlier["source"]
+    assert capsys.readouterr().err == ""
+
+
+def test_an_emptied_scene_says_what_empties_it(lesson: Path, capsys) -> None:
+    lesson.write_text("")  # as the shell's > does before a refresh begins
+    assert main(["perceive", "--refresh", str(lesson)]) == 2
+    assert "lesson.yaml: empty" in (told := capsys.readouterr().err)
+    assert "if > emptied it: --refresh writes into the scene without >" in told
 
 
 def test_check_tells_all(lesson: Path, capsys) -> None:

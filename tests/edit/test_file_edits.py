@@ -81,7 +81,8 @@ def test_a_merge_of_objects_far_apart_says_how_far(gap: int, tmp_path: Path, cap
     assert main(["merge", str(scene), *(item.name for item in pipeline.load(scene).objects)]) == 0
     said = capsys.readouterr().err
     assert (f", {gap} px away: one rigid body now" in said) is (gap > 10)
-    assert len(pipeline.load(scene).objects) == 1
+    (whole,) = pipeline.compile(pipeline.load(scene), pipeline.percepts(pipeline.load(scene))).world.bodies
+    assert f"; it weighs {whole.mass:.4g} g now; scene.yaml~ is as it was" in said
 
 
 def test_a_merge_leaves_doubtful_regions_in_the_label_map(tmp_path: Path) -> None:

@@ -479,6 +479,27 @@ def test_no_new_scene_takes_the_assets_of_another(scene: Path) -> None:
     assert np.array_equal(before.labels, after.labels)
 
 
+def test_a_scene_on_stdout_takes_no_assets_of_another(
+    scene: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`> other.yaml` twice beside photo.yaml, which has the photo's name: its second run goes into its own maps."""
+    monkeypatch.chdir(scene.parent)
+    assert main(["perceive", "photo.png", "--box", "20,20,80,80", "-o", "photo.yaml"]) == 0
+    before = pipeline.percepts(pipeline.load("photo.yaml"))
+    other = Path("other.yaml")
+    for box in ("110,30,80,90", "200,30,80,80"):
+        other.write_text("")  # by the shell
+        capsys.readouterr()
+        assert main(["perceive", "photo.png", "--box", box]) == 0
+        other.write_text(capsys.readouterr().out)
+        assert main(["check", "photo.yaml", "other.yaml"]) == 0
+        after = pipeline.percepts(pipeline.load("photo.yaml"))
+        assert before is not None
+        assert after is not None
+        assert np.array_equal(before.labels, after.labels)
+        assert "assets: photo-2.assets\n" in other.read_text()
+
+
 def test_a_view_stays_as_sure_as_it_was_and_the_user_s_is_sure(
     scene: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

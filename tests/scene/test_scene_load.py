@@ -170,6 +170,31 @@ def test_a_misspelt_path_is_corrected(tmp_path: Path) -> None:
     ]  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    ("line", "meant"),
+    [
+        ("image: scene.png", None),  # scene.yaml is no photo
+        ("image: ./photos/scen.png", "./photos/scene.png"),
+        ("size: [9, 9]\nassets: map/", "maps"),
+        ("size: [9, 9]\nassets: table", None),  # a file
+        ("size: [9, 9]\nextends: ../pool/scenes.yml", "../pool/scene.yaml"),
+        ("size: [9, 9]\nextends: scenee.yaml", None),  # the file itself
+        ("size: [9, 9]\nextends: ../pool/zz-400.yaml", "../pool/zz-40.yaml"),  # one of many
+    ],
+)
+def test_what_was_meant_is_of_its_kind_and_in_its_folder(line: str, meant: str | None, tmp_path: Path) -> None:
+    for name in ("home/photos/scene.png", "home/photos/scen.yaml", "home/tables", "home/maps/x", "pool/scene.yaml"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    for k in range(400):
+        (tmp_path / f"pool/aa-{k}.yaml").touch()
+    (tmp_path / "pool/zz-40.yaml").touch()
+    with pytest.raises(InputError) as caught:
+        load(write(tmp_path / "home", f"physgen: 1\n{line}\nobjects: {{}}\n"))
+    (fix,) = [problem.fix for problem in caught.value.problems]
+    assert fix == f'did you mean "{meant}"?' if meant else "did you mean" not in fix
+
+
 def test_a_photo_and_its_maps(tmp_path: Path) -> None:
     home = tmp_path / "scene"
     path = write(home, "physgen: 1\nimage: photo.jpg\nassets: maps\nobjects: {a: {mask: 7}}\n")

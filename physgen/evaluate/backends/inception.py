@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
-from physgen.evaluate.fid import F64
 from physgen.perceive.backends.models import Flag, device_of, load_weights, run_note
 from physgen.problems import InputError
 from physgen.registry import Setup
@@ -50,7 +50,7 @@ class Inception:
     def _load(self, weights: str) -> Any:
         return torch.jit.load(weights, map_location=self._device).eval()
 
-    def __call__(self, pictures: U8) -> F64:
+    def __call__(self, pictures: U8) -> NDArray[np.float64]:
         """(N, H, W, 3) sRGB -> (N, 2048)."""
         found = []
         for k in range(0, len(pictures), BATCH):
@@ -58,7 +58,7 @@ class Inception:
             found.append(self._answer(batch))
         return np.concatenate(found)
 
-    def _answer(self, batch: torch.Tensor) -> F64:
+    def _answer(self, batch: torch.Tensor) -> NDArray[np.float64]:
         with torch.inference_mode():
             answer = self._model(batch.to(self._device), return_features=True)
         shape = tuple(answer.shape) if isinstance(answer, torch.Tensor) else type(answer).__name__
