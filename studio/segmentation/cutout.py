@@ -1,7 +1,8 @@
 """The head that cuts out the object in a box: `python studio/segmentation/cutout.py STORE=SHARE ... -o out/segmentation`.
 
 It reads the maps of the shipped network, which stays as it is, of a crop around the box; photos of COCO teach it at
-their own size, beside stores of other pictures, whose shares leave theirs.
+their own size, beside stores of other pictures, whose shares leave theirs. With --more the shipped head learns on, and
+half of what that changes is kept.
 """
 
 from __future__ import annotations
@@ -161,6 +162,7 @@ def train(
         with torch.inference_mode():
             levels = network.levels(blank)
         load_exported(head, SHIPPED.with_name("cutout.onnx"), levels, torch.zeros(1, 1, 1, 1))
+    before = {name: part.clone() for name, part in head.state_dict().items()}
     network, head = network.to(where, memory_format=torch.channels_last), head.to(where)
     sets = [[one for _, rgb, labels in photos(validation=False) for one in examples(rgb, labels)]]
     for store in (Store.at(folder) for folder, _ in stores):
@@ -182,6 +184,11 @@ def train(
         losses,
         "cutout",
     )
+    if (
+        more and rank == 0
+    ):  # the mean of both is better than either (Wortsman et al. 2022, "Robust fine-tuning")
+        after = torch.load(out / "cutout.pt", map_location="cpu", weights_only=True)
+        torch.save({name: (part + after[name]) / 2 for name, part in before.items()}, out / "cutout.pt")
 
 
 if __name__ == "__main__":
